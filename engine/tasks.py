@@ -1,0 +1,182 @@
+"""What a worker process does for one subject. Imports Blender or torch only when called."""
+
+from __future__ import annotations
+
+import json
+import platform
+import shutil
+import time
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import seeds
+from engine.config import BuildConfig
+from shards.archive import write_shard
+from shards.schema import SCHEMA_VERSION
+from subjects.subject import Subject
+
+RECORD = "subject.json"
+
+
+@dataclass(frozen=True)
+class SubjectTask:
+    """Make or find one subject's surface."""
+
+    subject: str
+    dataset: Path
+    config: BuildConfig
+
+    def __hash__(self) -> int:
+        return hash(self.subject)
+
+
+@dataclass(frozen=True)
+class ShardTask:
+    """Render one subject and write its shard."""
+
+    subject: str
+    dataset: Path
+    shard: Path
+    config: BuildConfig
+    threads: int
+
+    def __hash__(self) -> int:
+        return hash(self.subject)
+
+
+@dataclass(frozen=True)
+class ShardResult:
+    """A shard that stands on disk: its size, checksum, and what its line in the manifest says."""
+
+    bytes: int
+    sha256: str
+    seconds: float
+    licence: str
+    versions: dict[str, str]
+
+
+def subject_folder(dataset: Path, subject: str) -> Path:
+    """Where a subject's files lie in a dataset."""
+    return dataset / "subjects" / subject
+
+
+def make_subject(task: SubjectTask) -> None:
+    """Make the subject's files and, last of all, the record that says they are whole."""
+    folder = subject_folder(task.dataset, task.subject)
+    if _is_whole(folder):
+        return
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    subject = task.config.subjects.make(task.subject, task.config.seed, folder)
+    record = {"sha256": subject.content_sha256(), **subject.to_json(folder)}
+    temporary = folder / f".{RECORD}.tmp"
+    temporary.write_text(json.dumps(record, indent=1, sort_keys=True) + "\n")
+    temporary.replace(folder / RECORD)
+
+
+def _is_whole(folder: Path) -> bool:
+    try:
+        record = json.loads((folder / RECORD).read_text())
+        return Subject.from_json(record, folder).content_sha256() == record["sha256"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def make_shard(task: ShardTask) -> ShardResult:
+    """Render, sense, write: from a subject's record to its shard on disk."""
+    from render.camera import place_camera
+    from render.capture import capture
+
+    start = time.monotonic()
+    config = task.config
+    folder = subject_folder(task.dataset, task.subject)
+    record = json.loads((folder / RECORD).read_text())
+    subject = Subject.from_json(record, folder)
+    surface, body = subject.surface(), subject.body_surface()
+    camera = place_camera(
+        config.camera,
+        surface.vertices if body is None else np.concatenate([surface.vertices, body.vertices]),
+    )
+    yaw_deg = config.views.draw(seeds.generator(config.seed, subject.id, "yaw"))
+    seen = capture(
+        surface,
+        body,
+        camera,
+        np.radians(yaw_deg.astype(np.float64)),
+        config.light.position,
+        config.cycles,
+        task.threads,
+    )
+    members = _members(seen, yaw_deg, config, subject.id)
+    versions = _versions()
+    meta = {
+        "schema_version": SCHEMA_VERSION,
+        "subject": subject.id,
+        "source": subject.source,
+        "licence": subject.licence,
+        "mesh": subject.mesh.relative_to(task.dataset).as_posix(),
+        "mesh_to_world": subject.mesh_to_world.tolist(),
+        "mesh_sha256": record["sha256"],
+        "flip_faces": subject.flip_faces,
+        "body": subject.body.relative_to(task.dataset).as_posix() if subject.body else None,
+        "body_parameters": subject.body_parameters,
+        "camera": {
+            "size": [camera.rows, camera.columns],
+            "pixel_size": camera.pixel_size,
+            "distance": camera.distance,
+            "center_height": camera.center_height,
+        },
+        "light": asdict(config.light),
+        "cycles": asdict(config.cycles),
+        "sensor": {**asdict(config.sensor), "distance": camera.distance},
+        "views": asdict(config.views),
+        "seed": config.seed,
+        "dropped_pixels": seen.dropped_pixels.tolist(),
+        "versions": versions,
+    }
+    written = write_shard(task.shard, members, meta, config.shards.compression)
+    return ShardResult(*written, time.monotonic() - start, subject.licence, versions)
+
+
+def _members(seen: Any, yaw_deg: np.ndarray, config: BuildConfig, subject: str) -> dict[str, Any]:
+    from augment.light import expose
+    from augment.sensor import sense
+
+    members: dict[str, Any] = {
+        "yaw_deg": yaw_deg,
+        "camera_to_world": seen.camera_to_world,
+        "mask": seen.mask,
+        "depth_front": seen.depth_front,
+        "depth_back": seen.depth_back,
+        "normal_front": seen.normal_front.astype(np.float16),
+        "normal_back": seen.normal_back.astype(np.float16),
+        "rgb_front": expose(seen.radiance_front, seen.mask, config.light),
+        "rgb_back": expose(seen.radiance_back, seen.mask, config.light),
+        "depth_sensor": np.stack(
+            [
+                sense(
+                    seen.depth_front[i],
+                    seen.normal_front[i],
+                    seen.mask[i],
+                    config.sensor,
+                    seeds.generator(config.seed, subject, "sensor", view=i),
+                ).depth
+                for i in range(len(yaw_deg))
+            ]
+        ),
+        "body_depth_front": seen.body_depth_front,
+        "body_depth_back": seen.body_depth_back,
+    }
+    if config.shards.radiance:
+        members["radiance_front"] = seen.radiance_front.astype(np.float16)
+        members["radiance_back"] = seen.radiance_back.astype(np.float16)
+    return members
+
+
+def _versions() -> dict[str, str]:
+    packages = ("bpy", "numpy", "OpenEXR", "trimesh", "rectoverso")
+    return {"python": platform.python_version(), **{p: version(p) for p in packages}}

@@ -1,0 +1,215 @@
+"""What the cameras saw of one subject: aligned front and back maps of every view."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from render.camera import Camera
+from render.cycles import BEAUTY, TRUTH, CyclesConfig
+from subjects.mesh import Mesh
+
+# Cycles writes 1e10 where a ray meets nothing.
+BACKGROUND_DEPTH = 1e9
+# A grazing ray may hit from one side only; more of them than this means a broken surface.
+MAX_DROPPED = 2e-4
+# Front and back depth of a surface seen edge-on differ by rounding alone (metres).
+DEPTH_ROUNDING = 1e-5
+
+
+class CaptureError(ValueError):
+    """A surface whose maps cannot be trusted; the message says why and what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """The maps of one subject in V views, all in the front camera's grid and frame.
+
+    Attributes:
+        yaw: (V,) radians.
+        camera_to_world: (V, 4, 4) float64.
+        mask: (V, H, W) bool.
+        depth_front, depth_back: (V, H, W) float32 metres from the front camera plane; 0 outside.
+        normal_front, normal_back: (V, H, W, 3) float32 unit, camera frame; 0 outside.
+        radiance_front, radiance_back: (V, H, W, 3) float32 linear light (Rec. 709 primaries)
+            per watt of the lamp; 0 outside.
+        body_depth_front, body_depth_back: (V, H, W) float32 metres; 0 outside the body.
+        dropped_pixels: (V,) int, pixels that one side alone hit and no map holds.
+    """
+
+    camera: Camera
+    yaw: np.ndarray
+    camera_to_world: np.ndarray
+    mask: np.ndarray
+    depth_front: np.ndarray
+    depth_back: np.ndarray
+    normal_front: np.ndarray
+    normal_back: np.ndarray
+    radiance_front: np.ndarray
+    radiance_back: np.ndarray
+    body_depth_front: np.ndarray
+    body_depth_back: np.ndarray
+    dropped_pixels: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """The rendered maps of one view from one side, in the front camera's grid, whole frame."""
+
+    mask: np.ndarray
+    depth: np.ndarray
+    normal: np.ndarray
+    radiance: np.ndarray | None
+
+
+def capture(
+    surface: Mesh,
+    body: Mesh | None,
+    camera: Camera,
+    yaw: np.ndarray,
+    light_position: tuple[float, float, float],
+    cycles: CyclesConfig,
+    threads: int,
+    on_view: Callable[[], None] = lambda: None,
+) -> Capture:
+    """Render a subject from the front and the back at every yaw. Needs `bpy`.
+
+    Args:
+        surface: the clothed surface in the subject's world, metres.
+        body: the parametric body there, or None; its maps are 0 then.
+        yaw: (V,) radians.
+        light_position: of the point light, metres in the frame of the camera that sees it.
+        threads: CPU threads Cycles may use.
+        on_view: called after each finished view.
+
+    Raises:
+        CaptureError: front and back disagree about the silhouette.
+    """
+    from render.scene import Scene, reset
+
+    reset()
+    views, grid = len(yaw), (camera.rows, camera.columns)
+    maps = {
+        name: np.zeros((views, *grid, *tail), dtype=np.float32)
+        for name, tail in {
+            "depth_front": (),
+            "depth_back": (),
+            "normal_front": (3,),
+            "normal_back": (3,),
+            "radiance_front": (3,),
+            "radiance_back": (3,),
+            "body_depth_front": (),
+            "body_depth_back": (),
+        }.items()
+    }
+    masks = np.zeros((views, *grid), dtype=bool)
+    dropped = np.zeros(views, dtype=np.int64)
+
+    surface_scene = Scene(
+        "surface", surface, camera, cycles, light_position=light_position, threads=threads
+    )
+    body_scene = body and Scene(
+        "body", body, camera, cycles, light_position=None, threads=threads
+    )
+    with tempfile.TemporaryDirectory(prefix="rectoverso-") as name:
+        folder = Path(name)
+        for i, angle in enumerate(yaw):
+            sides = {
+                back: _render_side(surface_scene, surface, camera, angle, back, folder)
+                for back in (False, True)
+            }
+            mask, dropped[i] = _silhouette(sides[False].mask, sides[True].mask, angle)
+            masks[i] = mask
+            for side, where in ((sides[False], "front"), (sides[True], "back")):
+                assert side.radiance is not None
+                maps[f"depth_{where}"][i][mask] = side.depth[mask]
+                maps[f"normal_{where}"][i][mask] = side.normal[mask]
+                maps[f"radiance_{where}"][i][mask] = side.radiance[mask]
+            _order(maps["depth_front"][i], maps["depth_back"][i], angle)
+            if body_scene and body:
+                front, back = (
+                    _render_side(body_scene, body, camera, angle, back, folder)
+                    for back in (False, True)
+                )
+                both = front.mask & back.mask
+                maps["body_depth_front"][i][both] = front.depth[both]
+                maps["body_depth_back"][i][both] = back.depth[both]
+                _order(maps["body_depth_front"][i], maps["body_depth_back"][i], angle)
+            on_view()
+    surface_scene.close()
+    if body_scene:
+        body_scene.close()
+    return Capture(
+        camera=camera,
+        yaw=np.asarray(yaw, dtype=np.float64),
+        camera_to_world=np.stack([camera.to_world(angle) for angle in yaw]),
+        mask=masks,
+        dropped_pixels=dropped,
+        **maps,
+    )
+
+
+def _render_side(scene, mesh: Mesh, camera: Camera, yaw: float, back: bool, folder: Path) -> Side:
+    """Render one side; the back image is mirrored left-right into the front camera's grid."""
+    rows, columns = camera.rectangle(mesh.vertices, yaw)
+    seen = columns
+    if back:
+        seen = slice(camera.columns - columns.stop, camera.columns - columns.start)
+    channels = scene.render(yaw, back, (rows, seen), folder)
+
+    def whole(image: np.ndarray) -> np.ndarray:
+        frame = np.zeros((camera.rows, camera.columns, *image.shape[2:]), dtype=np.float32)
+        frame[rows, columns] = image[:, ::-1] if back else image
+        return frame
+
+    z = channels[f"{TRUTH}.Depth.Z"]
+    hit = z < BACKGROUND_DEPTH
+    # The back camera stands as far behind the axis as the front one before it.
+    depth = (2 * camera.distance - z.astype(np.float64)).astype(np.float32) if back else z
+    normal = np.stack([channels[f"{TRUTH}.Normal.{axis}"] for axis in "XYZ"], axis=-1)
+    # Row vectors times the camera's rotation: world to the front camera's frame.
+    normal = _unit_towards(normal @ camera.to_world(yaw)[:3, :3], -1.0 if back else 1.0)
+    radiance = None
+    if f"{BEAUTY}.Combined.A" in channels:
+        color = np.stack([channels[f"{BEAUTY}.Combined.{c}"] for c in "RGB"], axis=-1)
+        alpha = channels[f"{BEAUTY}.Combined.A"]
+        # The subject's own colour at its edge, not its blend with an empty background.
+        radiance = whole(color / np.maximum(alpha, 1e-6)[..., None])
+    return Side(mask=whole(hit) > 0, depth=whole(depth), normal=whole(normal), radiance=radiance)
+
+
+def _unit_towards(normal: np.ndarray, sign: float) -> np.ndarray:
+    """Unit normals; one that interpolation tipped past the horizon is laid back upon it."""
+    normal = normal.astype(np.float64)
+    normal[..., 2] = sign * np.maximum(sign * normal[..., 2], 0)
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    return (normal / np.maximum(length, 1e-12)).astype(np.float32)
+
+
+def _silhouette(front: np.ndarray, back: np.ndarray, yaw: float) -> tuple[np.ndarray, int]:
+    mask = front & back
+    dropped = int((front ^ back).sum())
+    if not mask.any():
+        raise CaptureError(f"nothing is seen at yaw {np.degrees(yaw):.2f} deg; check the mesh")
+    if dropped > MAX_DROPPED * mask.sum():
+        raise CaptureError(
+            f"front and back disagree in {dropped} of {int(mask.sum())} pixels at yaw "
+            f"{np.degrees(yaw):.2f} deg (at most {MAX_DROPPED:.2%}); "
+            "close the surface's holes and slits"
+        )
+    return mask, dropped
+
+
+def _order(front: np.ndarray, back: np.ndarray, yaw: float) -> None:
+    """Make the back depth at least the front depth where they differ by rounding, in place."""
+    worst = float((front - back).max())
+    if worst > DEPTH_ROUNDING:
+        raise CaptureError(
+            f"the back lies {worst:.2e} m before the front at yaw {np.degrees(yaw):.2f} deg; "
+            "the surface's triangles are degenerate"
+        )
+    np.maximum(front, back, out=back)

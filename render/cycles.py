@@ -1,0 +1,128 @@
+"""Every setting of Cycles, in one place. Imports nothing of Blender: scenes are handed in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+BEAUTY = "beauty"
+TRUTH = "truth"
+
+
+@dataclass(frozen=True)
+class CyclesConfig:
+    """How Cycles renders the colour images; the ground truth takes one sample by its nature."""
+
+    samples: int = 16
+    """Samples per pixel of the colour images (the most, where `adaptive_threshold` is set)."""
+    adaptive_threshold: float = 0.0
+    """Noise level at which a pixel stops sampling, 0 to take every sample everywhere."""
+    seed: int = 0
+    """Seed of Cycles' sampling pattern."""
+    device: Literal["CPU", "CUDA", "OPTIX", "HIP", "ONEAPI", "METAL"] = "CPU"
+    """What renders; bytes are promised per kind of machine, so a GPU's differ from a CPU's."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.samples <= 65536:
+            raise ValueError(f"cycles.samples: {self.samples}; give 1 to 65536, such as 16")
+        if not 0 <= self.adaptive_threshold < 1:
+            raise ValueError(
+                f"cycles.adaptive_threshold: {self.adaptive_threshold}; give 0 (off) to below 1"
+            )
+        if not 0 <= self.seed < 2**31:
+            raise ValueError(f"cycles.seed: {self.seed}; give 0 to 2147483647")
+
+
+def configure(scene: Any, config: CyclesConfig, *, beauty: bool, threads: int) -> None:
+    """Set up a Blender scene for rendering with `config`.
+
+    The scene gets a view layer `truth`: one sample, whose Z and Normal are those of the ray
+    through the pixel's centre (Cycles takes sample 0 there). With `beauty` it gets a second view
+    layer of that name, `config.samples` samples, colour only. A layer is written to its own
+    channels of one multilayer EXR, so one render call makes both.
+
+    Args:
+        scene: a `bpy.types.Scene` with one view layer.
+        beauty: whether colour is wanted too.
+        threads: threads of the CPU that Cycles uses.
+    """
+    render, cycles = scene.render, scene.cycles
+    render.engine = "CYCLES"
+    _choose_device(cycles, config.device)
+
+    cycles.samples = config.samples
+    cycles.use_layer_samples = "USE"
+    cycles.seed = config.seed
+    cycles.use_animated_seed = False
+    cycles.use_adaptive_sampling = config.adaptive_threshold > 0
+    if config.adaptive_threshold > 0:
+        cycles.adaptive_threshold = config.adaptive_threshold
+        cycles.adaptive_min_samples = min(4, config.samples)
+    # Light that reaches the camera after one reflection: linear in the lamp's power, to the bit.
+    cycles.max_bounces = 0
+    cycles.sample_clamp_direct = 0
+    cycles.sample_clamp_indirect = 0
+    cycles.light_sampling_threshold = 0
+    cycles.use_light_tree = False
+    cycles.use_denoising = False
+    cycles.pixel_filter_type = "BLACKMAN_HARRIS"
+    cycles.filter_width = 1.5
+    cycles.film_exposure = 1
+    cycles.use_auto_tile = False
+    # A static BVH of the whole mesh, kept between the calls of a subject.
+    cycles.debug_use_spatial_splits = False
+    render.use_persistent_data = True
+
+    render.film_transparent = True
+    render.use_motion_blur = False
+    render.use_compositing = False
+    render.use_sequencer = False
+    render.use_simplify = False
+    render.use_single_layer = False
+    render.resolution_percentage = 100
+    render.threads_mode = "FIXED"
+    render.threads = threads
+    render.use_border = True
+    render.use_crop_to_border = True
+
+    image = render.image_settings
+    image.file_format = "OPEN_EXR_MULTILAYER"
+    image.color_mode = "RGBA"
+    image.color_depth = "32"
+    image.exr_codec = "NONE"
+    render.use_file_extension = True
+    render.use_overwrite = True
+    # Float EXR stays linear; the view transform is applied later, to arrays.
+    scene.view_settings.view_transform = "Raw"
+    scene.view_settings.look = "None"
+    scene.view_settings.exposure = 0
+    scene.view_settings.gamma = 1
+
+    truth = scene.view_layers[0]
+    truth.name = TRUTH
+    truth.samples = 1
+    truth.use_pass_combined = False
+    truth.use_pass_z = True
+    truth.use_pass_normal = True
+    if beauty:
+        layer = scene.view_layers.new(BEAUTY)
+        layer.samples = 0  # the scene's
+        layer.use_pass_combined = True
+        layer.use_pass_z = False
+        layer.use_pass_normal = False
+
+
+def _choose_device(cycles: Any, device: str) -> None:
+    cycles.device = "CPU" if device == "CPU" else "GPU"
+    if device == "CPU":
+        return
+    import bpy
+
+    preferences = bpy.context.preferences.addons["cycles"].preferences
+    preferences.compute_device_type = device
+    preferences.get_devices()
+    found = [d for d in preferences.devices if d.type == device]
+    if not found:
+        raise ValueError(f"cycles.device: no {device} device here; set it to CPU")
+    for d in preferences.devices:
+        d.use = d.type == device

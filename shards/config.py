@@ -1,0 +1,17 @@
+"""How shards are written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from shards.archive import Compression
+
+
+@dataclass(frozen=True)
+class ShardsConfig:
+    """What a shard holds beyond the contract, and how it lies on disk."""
+
+    compression: Compression = "stored"
+    """`stored` maps into memory; `deflate` is five times smaller, for passing a dataset on."""
+    radiance: bool = False
+    """Keep linear light per watt as well, for light sweeps (about twice the bytes)."""

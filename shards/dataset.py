@@ -1,0 +1,345 @@
+"""A dataset on disk: a folder of shards that knows what it holds."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from shards import schema
+from shards.archive import Shard, ShardError, StoredMember
+from shards.atomic import atomic_write, is_temporary, remove_temporary_files
+from shards.card import render_card
+from shards.croissant import describe
+from shards.manifest import (
+    DatasetError,
+    Entry,
+    append_json_line,
+    read_json_lines,
+    read_manifest,
+    write_json_lines,
+    write_manifest,
+)
+from shards.splits import SPLITS, Split, split_subjects
+
+DOCUMENT = "dataset.json"
+MANIFEST = "manifest.jsonl"
+FAILURES = "failures.jsonl"
+CARD = "README.md"
+SHARDS = "shards"
+SUBJECTS = "subjects"
+
+_BLOCK = "rectoverso"
+_DESCRIPTION = (
+    "Pixel-aligned front and back RGB-D images of clothed human surfaces: orthographic depth, "
+    "normals and colour, a simulated depth sensor, and the parametric body in the same grid."
+)
+_SHOWN_DIFFERENCES = 4
+
+
+class DatasetWriter:
+    """The dataset that a build fills: made if new, taken up again if it was interrupted.
+
+    One process writes a dataset; workers only write shards to `shard_path`. A shard counts from
+    the moment `add` returns. Whatever else lies on the disk is ignored and made again.
+
+    Args:
+        folder: the dataset's; made if missing.
+        config: JSON-ready, all that the bytes of the shards depend on.
+        planned: the ids of the subjects to make.
+        seed: of the split.
+
+    Raises:
+        DatasetError: if the folder holds a dataset of another configuration, or anything else.
+        schema.SchemaError: if a subject's id cannot name a file.
+    """
+
+    def __init__(
+        self, folder: Path | str, config: Mapping[str, Any], planned: Iterable[str], seed: int
+    ) -> None:
+        self.folder = Path(folder)
+        self.config: dict[str, Any] = json.loads(json.dumps(config, allow_nan=False))
+        self.planned = sorted(schema.check_subject_id(subject) for subject in planned)
+        for subject, count in Counter(self.planned).items():
+            if count > 1:
+                raise DatasetError(f"subject {subject!r} is planned {count} times; name each once")
+        self.splits = split_subjects(self.planned, seed)
+        self._seed = seed
+        self._failures: dict[str, dict[str, str]] = {}
+        self._claim_folder()
+        self._entries = {
+            subject: Entry(**{**asdict(entry), "split": self.splits[subject]})
+            for subject, entry in read_manifest(self.folder / MANIFEST).items()
+            if subject in self.splits and self._is_whole(entry)
+        }
+        # Every planned subject that is not finished is tried again: its failures are of the past.
+        write_json_lines(self.folder / FAILURES, ())
+        # A torn last line must go before the next line is appended to it.
+        write_manifest(self.folder / MANIFEST, self._entries)
+
+    @property
+    def finished(self) -> frozenset[str]:
+        """The subjects whose shards are whole and in the manifest."""
+        return frozenset(self._entries)
+
+    @property
+    def failed(self) -> frozenset[str]:
+        """The subjects that failed since this writer was opened."""
+        return frozenset(self._failures)
+
+    def shard_path(self, subject: str) -> Path:
+        """Where the subject's shard belongs; its folder exists."""
+        return self.folder / self._shard_file(subject)
+
+    def add(
+        self,
+        subject: str,
+        bytes: int,
+        sha256: str,
+        seconds: float,
+        licence: str,
+        versions: Mapping[str, str],
+    ) -> None:
+        """Enter a finished shard: when this returns, the manifest on the disk has it.
+
+        Args:
+            subject: its id, one of those planned.
+            bytes: the size, as `archive.write_shard` returned it.
+            sha256: the checksum, likewise.
+            seconds: what it took to make.
+            licence: the subject's.
+            versions: what made it, name -> version.
+        """
+        entry = Entry(
+            file=self._shard_file(subject),
+            bytes=bytes,
+            sha256=sha256,
+            subject=subject,
+            split=self.splits[subject],
+            licence=licence,
+            seconds=round(seconds, 3),
+            versions=dict(versions),
+        )
+        append_json_line(self.folder / MANIFEST, asdict(entry))
+        self._entries[subject] = entry
+        self._failures.pop(subject, None)
+
+    def fail(self, subject: str, stage: str, reason: str) -> None:
+        """Set a subject aside: what failed, and why, in one line."""
+        if subject not in self.splits:
+            raise DatasetError(f"subject {subject!r} is not planned")
+        failure = {"subject": subject, "stage": stage, "reason": reason}
+        append_json_line(self.folder / FAILURES, failure)
+        self._failures[subject] = failure
+
+    def finish(self) -> None:
+        """Put everything in order: manifest, failures, dataset.json, the card; no leftovers."""
+        write_manifest(self.folder / MANIFEST, self._entries)
+        write_json_lines(
+            self.folder / FAILURES, (self._failures[name] for name in sorted(self._failures))
+        )
+        self._write_descriptions()
+        for folder in (self.folder, self.folder / SHARDS):
+            remove_temporary_files(folder)
+
+    def _shard_file(self, subject: str) -> str:
+        if subject not in self.splits:
+            raise DatasetError(f"subject {subject!r} is not planned")
+        return f"{SHARDS}/{subject}.npz"
+
+    def _is_whole(self, entry: Entry) -> bool:
+        path = self.shard_path(entry.subject)
+        if entry.file != self._shard_file(entry.subject) or not path.is_file():
+            return False
+        try:
+            return path.stat().st_size == entry.bytes and len(Shard(path)) > 0
+        except ShardError:
+            return False
+
+    def _claim_folder(self) -> None:
+        if self.folder.exists() and not self.folder.is_dir():
+            raise DatasetError(f"{self.folder} is a file; choose a folder for the dataset")
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if (self.folder / DOCUMENT).exists():
+            self._refuse_other_config(_read_block(self.folder))
+        elif any(not is_temporary(path) for path in self.folder.iterdir()):
+            raise DatasetError(
+                f"{self.folder} is not empty and holds no {DOCUMENT}; choose a new or empty folder"
+            )
+        else:
+            # First of all files, so that a build killed at any later instant finds its own.
+            self._entries = {}
+            self._write_descriptions()
+        for name in (SHARDS, SUBJECTS):
+            (self.folder / name).mkdir(exist_ok=True)
+
+    def _refuse_other_config(self, block: Mapping[str, Any]) -> None:
+        if block["config_sha256"] == config_sha256(self.config):
+            return
+        there, here = _flatten(block["config"]), _flatten(self.config)
+        keys = sorted(k for k in there.keys() | here.keys() if there.get(k) != here.get(k))
+        shown = [
+            f"{key} is {json.dumps(there.get(key))} there and {json.dumps(here.get(key))} here"
+            for key in keys[:_SHOWN_DIFFERENCES]
+        ]
+        if len(keys) > _SHOWN_DIFFERENCES:
+            shown.append(f"and {len(keys) - _SHOWN_DIFFERENCES} more keys")
+        raise DatasetError(
+            f"{self.folder} holds a dataset of another configuration ({', '.join(shown)}); "
+            "choose another folder, restore the configuration, or delete the dataset"
+        )
+
+    def _write_descriptions(self) -> None:
+        """dataset.json and README.md; they depend on config and shards, not on time or place."""
+        members: dict[str, StoredMember] = {}
+        views = 0
+        for subject in sorted(self._entries):
+            shard = Shard(self.shard_path(subject))
+            members = members or shard.members
+            views += len(shard)
+        entries = [self._entries[subject] for subject in sorted(self._entries)]
+        splits = {name: [e.subject for e in entries if e.split == name] for name in SPLITS}
+        sha256 = config_sha256(self.config)
+        block = {
+            "schema_version": schema.SCHEMA_VERSION,
+            "config": self.config,
+            "config_sha256": sha256,
+            "seed": self._seed,
+            "licences": sorted({entry.licence for entry in entries}),
+            "splits": splits,
+            "counts": {
+                "planned": len(self.planned),
+                "subjects": len(entries),
+                "failures": len(self._failures),
+                **{name: len(subjects) for name, subjects in splits.items()},
+                "views": views,
+            },
+            "totals": {"bytes": sum(entry.bytes for entry in entries)},
+        }
+        name = f"rectoverso-{sha256[:8]}"
+        document = {**describe(name, _DESCRIPTION, entries, members), _BLOCK: block}
+        licences = Counter(entry.licence for entry in entries)
+        card = render_card(name, _DESCRIPTION, block, licences, members)
+        text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False)
+        with atomic_write(self.folder / DOCUMENT) as file:
+            file.write(text.encode() + b"\n")
+        with atomic_write(self.folder / CARD) as file:
+            file.write(card.encode())
+
+
+class Dataset:
+    """A dataset to read: the shards that its manifest lists.
+
+    Attributes:
+        folder: the dataset's.
+        manifest: subject -> Entry, in the order of the ids.
+
+    Args:
+        folder: where a build wrote it.
+
+    Raises:
+        DatasetError: if the folder holds no dataset, or one of another schema.
+    """
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+        self._block = _read_block(self.folder)
+        entries = read_manifest(self.folder / MANIFEST)
+        self.manifest: dict[str, Entry] = {name: entries[name] for name in sorted(entries)}
+
+    def __repr__(self) -> str:
+        return f"Dataset({str(self.folder)!r})"
+
+    def __len__(self) -> int:
+        """How many subjects it holds."""
+        return len(self.manifest)
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """What it was built from."""
+        config: dict[str, Any] = self._block["config"]
+        return config
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """Schema version, config and its hash, seed, licences, splits, counts, totals."""
+        return self._block
+
+    @property
+    def failures(self) -> list[dict[str, str]]:
+        """The subjects that could not be made: subject, stage, reason."""
+        return [record for _, record in read_json_lines(self.folder / FAILURES)]
+
+    def subjects(self, split: Split | None = None) -> list[str]:
+        """The ids, sorted; of one split if named."""
+        if split is not None and split not in SPLITS:
+            raise DatasetError(f"split {split!r} is unknown; use {' or '.join(SPLITS)}")
+        return [name for name, entry in self.manifest.items() if split in (None, entry.split)]
+
+    def shard(self, subject: str) -> Shard:
+        """The subject's shard, opened anew.
+
+        Raises:
+            DatasetError: if the manifest has no such subject.
+            ShardError: if the file is missing or torn.
+        """
+        return Shard(self.shard_path(subject))
+
+    def shard_path(self, subject: str) -> Path:
+        """The subject's file."""
+        if subject not in self.manifest:
+            raise DatasetError(f"{self.folder} has no finished subject {subject!r}")
+        return self.folder / self.manifest[subject].file
+
+    def path(self, relative: str) -> Path:
+        """A file named by the dataset's own files, such as `meta["mesh"]`.
+
+        Raises:
+            schema.SchemaError: if the name leads out of the folder.
+        """
+        return self.folder / schema.check_relative_path(relative, str(self.folder))
+
+
+def config_sha256(config: Mapping[str, Any]) -> str:
+    """SHA-256 in hex of a configuration, whatever the order of its keys."""
+    text = json.dumps(config, sort_keys=True, allow_nan=False, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _read_block(folder: Path) -> dict[str, Any]:
+    path = folder / DOCUMENT
+    try:
+        block = json.loads(path.read_bytes())[_BLOCK]
+        version = block["schema_version"]
+        missing = [key for key in ("seed", "splits", "counts", "totals") if key not in block]
+        if missing:
+            raise ValueError(f"it lacks {', '.join(missing)}")
+        if config_sha256(block["config"]) != block["config_sha256"]:
+            raise ValueError("its config and config_sha256 disagree")
+    except (FileNotFoundError, NotADirectoryError):
+        raise DatasetError(
+            f"{folder} holds no {DOCUMENT}; name a folder that a build has made"
+        ) from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise DatasetError(f"{path} is no dataset's ({error}); build the dataset again") from None
+    if version != schema.SCHEMA_VERSION:
+        raise DatasetError(
+            f"{path} has schema {version}, this program reads {schema.SCHEMA_VERSION}; "
+            "build the dataset anew or use the program that wrote it"
+        )
+    result: dict[str, Any] = block
+    return result
+
+
+def _flatten(config: Any, prefix: str = "") -> dict[str, Any]:
+    """{"a": {"b": 1}} -> {"a.b": 1}."""
+    if not isinstance(config, dict) or not config:
+        return {prefix: config}
+    leaves = {}
+    for key, value in config.items():
+        leaves.update(_flatten(value, f"{prefix}.{key}" if prefix else str(key)))
+    return leaves

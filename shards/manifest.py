@@ -1,0 +1,121 @@
+"""The list of finished shards, one JSON line each."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from shards.atomic import atomic_write
+from shards.schema import check_relative_path, check_subject_id
+from shards.splits import SPLITS, Split
+
+
+class DatasetError(ValueError):
+    """A folder that cannot be used as a dataset; one line: what, where, the cure."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One finished shard.
+
+    Attributes:
+        file: posix path below the dataset.
+        bytes: the file's size.
+        sha256: of the file, hex.
+        subject: its id.
+        split: "train" or "test".
+        licence: the subject's.
+        seconds: what it took to make.
+        versions: what made it, name -> version.
+    """
+
+    file: str
+    bytes: int
+    sha256: str
+    subject: str
+    split: Split
+    licence: str
+    seconds: float
+    versions: dict[str, str]
+
+    def __post_init__(self) -> None:
+        check_relative_path(self.file, "file")
+        check_subject_id(self.subject)
+        if self.split not in SPLITS:
+            raise ValueError(f"split is {self.split!r}, not {' or '.join(SPLITS)}")
+
+
+def read_manifest(path: Path) -> dict[str, Entry]:
+    """Subject -> entry; the last line of a subject counts, a torn last line does not.
+
+    Raises:
+        DatasetError: at a line that is no entry, or that names a file outside the dataset.
+    """
+    entries = {}
+    names = {field.name for field in fields(Entry)}
+    for number, record in read_json_lines(path):
+        try:
+            if set(record) != names:
+                raise ValueError(
+                    f"its keys are {', '.join(record)}, not {', '.join(sorted(names))}"
+                )
+            entry = Entry(**record)
+        except (TypeError, ValueError) as error:
+            raise DatasetError(
+                f"{path} line {number}: {error}; remove the line and build again"
+            ) from None
+        entries[entry.subject] = entry
+    return entries
+
+
+def read_json_lines(path: Path) -> list[tuple[int, dict[str, Any]]]:
+    """(line number, object) of every whole line; none where the file is missing.
+
+    A last line without its line feed was torn by a killed writer and is left out.
+
+    Raises:
+        DatasetError: at a whole line that is no JSON object.
+    """
+    try:
+        lines = path.read_bytes().split(b"\n")[:-1]
+    except FileNotFoundError:
+        return []
+    records = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            record = json.loads(line)
+        except ValueError:
+            record = None
+        if not isinstance(record, dict):
+            raise DatasetError(
+                f"{path} line {number} is no JSON object; remove the line and build again"
+            )
+        records.append((number, record))
+    return records
+
+
+def append_json_line(path: Path, record: dict[str, Any]) -> None:
+    """Append one line; when this returns, the line is on the disk."""
+    with path.open("ab") as file:
+        file.write(_json_line(record))
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def write_json_lines(path: Path, records: Iterable[dict[str, Any]]) -> None:
+    """Replace the whole file, or leave it as it was."""
+    with atomic_write(path) as file:
+        file.writelines(_json_line(record) for record in records)
+
+
+def write_manifest(path: Path, entries: dict[str, Entry]) -> None:
+    """Replace the manifest, in the order of the subjects' ids."""
+    write_json_lines(path, (asdict(entries[subject]) for subject in sorted(entries)))
+
+
+def _json_line(record: dict[str, Any]) -> bytes:
+    return json.dumps(record, allow_nan=False, ensure_ascii=False).encode() + b"\n"

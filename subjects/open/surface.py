@@ -1,0 +1,212 @@
+"""Pieces of a surface and what is done to them: normals, smoothing, cutting, hems, push-out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A triangle mesh with a chart.
+
+    Attributes:
+        vertices: (N, 3) float64 metres, world frame.
+        faces: (F, 3) int, counter-clockwise seen from outside.
+        uv: (F, 3, 2) float64 atlas coordinates of the corners.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    uv: np.ndarray
+
+
+def joined(pieces: list[Piece]) -> Piece:
+    """All pieces as one mesh; nothing is welded."""
+    start = np.cumsum([0] + [len(p.vertices) for p in pieces[:-1]])
+    return Piece(
+        np.concatenate([p.vertices for p in pieces]),
+        np.concatenate([p.faces + s for p, s in zip(pieces, start, strict=True)]),
+        np.concatenate([p.uv for p in pieces]),
+    )
+
+
+def compact(piece: Piece) -> Piece:
+    """The piece without vertices that no face uses."""
+    used, faces = np.unique(piece.faces, return_inverse=True)
+    return Piece(piece.vertices[used], faces.reshape(-1, 3), piece.uv)
+
+
+def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(N, 3) unit vertex normals, weighted by area."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    face = np.cross(b - a, c - a)
+    index = faces.ravel()
+    result = np.stack(
+        [
+            np.bincount(index, weights=np.repeat(face[:, k], 3), minlength=len(vertices))
+            for k in range(3)
+        ],
+        axis=1,
+    )
+    return result / np.maximum(np.linalg.norm(result, axis=1, keepdims=True), 1e-12)
+
+
+def averaging(faces: np.ndarray, count: int) -> sparse.csr_matrix:
+    """(N, N) matrix that replaces each vertex by the mean of its neighbours.
+
+    A vertex on the border takes the mean of its border neighbours alone, so hems stay hems.
+    """
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    both = np.concatenate([edges, edges[:, ::-1]])
+    pairs = sparse.coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
+    rim = (pairs == 1).astype(float).tocsr()
+    on_rim = np.asarray(rim.sum(axis=1)).ravel() > 0
+    pairs.data[:] = 1.0
+    chosen = (
+        sparse.diags((~on_rim).astype(float)) @ pairs + sparse.diags(on_rim.astype(float)) @ rim
+    )
+    total = np.asarray(chosen.sum(axis=1)).ravel()
+    return (sparse.diags(1.0 / np.maximum(total, 1.0)) @ chosen).tocsr()
+
+
+def pushed_out(
+    vertices: np.ndarray,
+    place: np.ndarray,
+    gap: np.ndarray,
+    solid: np.ndarray,
+    solid_normals: np.ndarray,
+    solid_place: np.ndarray,
+) -> np.ndarray:
+    """`vertices` moved so that each keeps at least `gap` (N,) metres from a solid.
+
+    Args:
+        place: (N, 3) template coordinates; a sleeve looks for the arm, not for the hip that the
+            arm hangs beside, because both places count in the search.
+        solid: (M, 3) vertices, with their outward normals and template coordinates.
+    """
+    tree = cKDTree(np.concatenate([solid, 0.6 * solid_place], axis=1))
+    _, near = tree.query(np.concatenate([vertices, 0.6 * place], axis=1), k=3)
+    height = ((vertices[:, None] - solid[near]) * solid_normals[near]).sum(axis=2)
+    # The closest three share one tangent plane or disagree at a crease: the mean serves both.
+    direction = solid_normals[near].mean(axis=1)
+    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-9)
+    lack = np.maximum(gap - height.min(axis=1), 0.0)
+    return vertices + direction * lack[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """A cut piece of a refined base-mesh group, before it has a shape.
+
+    Attributes:
+        matrix: (N, 19158) sparse; vertices = matrix @ base mesh.
+        faces: (F, 3) int.
+        uv: (F, 3, 2) atlas coordinates.
+    """
+
+    matrix: sparse.csr_matrix
+    faces: np.ndarray
+    uv: np.ndarray
+
+
+def cut(
+    matrix: sparse.csr_matrix, faces: np.ndarray, uv: np.ndarray, field: np.ndarray
+) -> Pattern:
+    """Keep where `field` (N,) is below zero, cutting triangles along its zero line.
+
+    The hem is the zero line itself, so it is as smooth as the field, whatever the mesh.
+    """
+    inside = field < 0
+    count = inside[faces].sum(axis=1)
+    whole = count == 3
+    new_faces, new_uv = [faces[whole]], [uv[whole]]
+    rows: list[np.ndarray] = []
+    shares: list[np.ndarray] = []
+    for kept in (1, 2):
+        some = np.flatnonzero(count == kept)
+        f, t = faces[some], uv[some]
+        # Turn each triangle so that the odd vertex comes first.
+        odd = (inside[f] if kept == 1 else ~inside[f]).argmax(axis=1)
+        turn = (odd[:, None] + np.arange(3)) % 3
+        f = np.take_along_axis(f, turn, axis=1)
+        t = np.take_along_axis(t, turn[:, :, None], axis=1)
+        a, b, c = f.T
+        ab = field[a] / (field[a] - field[b])
+        ac = field[a] / (field[a] - field[c])
+        t_ab = t[:, 0] + ab[:, None] * (t[:, 1] - t[:, 0])
+        t_ac = t[:, 0] + ac[:, None] * (t[:, 2] - t[:, 0])
+        first = len(field) + sum(map(len, rows))
+        p = first + np.arange(len(f))
+        q = p + len(f)
+        rows += [np.stack([a, b], axis=1), np.stack([a, c], axis=1)]
+        shares += [ab, ac]
+        if kept == 1:
+            new_faces.append(np.stack([a, p, q], axis=1))
+            new_uv.append(np.stack([t[:, 0], t_ab, t_ac], axis=1))
+        else:
+            new_faces += [np.stack([p, b, c], axis=1), np.stack([p, c, q], axis=1)]
+            new_uv += [
+                np.stack([t_ab, t[:, 1], t[:, 2]], axis=1),
+                np.stack([t_ab, t[:, 2], t_ac], axis=1),
+            ]
+    all_faces, all_uv = np.concatenate(new_faces), np.concatenate(new_uv)
+    ends, share = np.concatenate(rows), np.concatenate(shares)
+    # Both triangles of an edge made the same vertex: keep one.
+    flip = ends[:, 0] > ends[:, 1]
+    ends[flip], share[flip] = ends[flip][:, ::-1], 1 - share[flip]
+    edge, first_use, merged = np.unique(ends, axis=0, return_index=True, return_inverse=True)
+    share = share[first_use]
+    n = len(field)
+    renumber = np.concatenate([np.arange(n), n + merged.ravel()])
+    all_faces = renumber[all_faces]
+    k = np.arange(len(edge))
+    lerp = sparse.csr_matrix(
+        (
+            np.concatenate([1 - share, share]),
+            (np.concatenate([k, k]), np.concatenate([edge[:, 0], edge[:, 1]])),
+        ),
+        shape=(len(edge), n),
+    )
+    full = sparse.vstack([matrix, lerp @ matrix]).tocsr()
+    used, compacted = np.unique(all_faces, return_inverse=True)
+    return Pattern(full[used], compacted.reshape(-1, 3), all_uv)
+
+
+def hemmed(piece: Piece, thickness: float, depth: float) -> Piece:
+    """The piece with its borders turned in: a lip `thickness` thick and `depth` deep (metres)."""
+    faces, n = piece.faces, len(piece.vertices)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    corner_uv = np.concatenate([piece.uv[:, [0, 1]], piece.uv[:, [1, 2]], piece.uv[:, [2, 0]]])
+    code = edges[:, 0].astype(np.int64) * n + edges[:, 1]
+    border = ~np.isin(edges[:, 1].astype(np.int64) * n + edges[:, 0], code)
+    rim, rim_uv = edges[border], corner_uv[border]
+    if len(rim) == 0:
+        return piece
+    lip = np.unique(rim)
+    renumber = np.full(n, -1)
+    renumber[lip] = np.arange(len(lip))
+    normal = normals(piece.vertices, faces)[lip]
+    # Into the cloth: square to the rim and to the normal.
+    along = np.zeros((n, 3))
+    step = piece.vertices[rim[:, 1]] - piece.vertices[rim[:, 0]]
+    np.add.at(along, rim[:, 0], step)
+    np.add.at(along, rim[:, 1], step)
+    inward = np.cross(normal, along[lip])
+    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
+    first = piece.vertices[lip] - thickness * normal
+    second = piece.vertices[lip] - 1.5 * thickness * normal + depth * inward
+    a, b = rim.T
+    a1, b1 = n + renumber[a], n + renumber[b]
+    a2, b2 = a1 + len(lip), b1 + len(lip)
+    bands = [(b, a, a1), (b, a1, b1), (b1, a1, a2), (b1, a2, b2)]
+    ua, ub = rim_uv[:, 0], rim_uv[:, 1]
+    shown = [(ub, ua, ua), (ub, ua, ub), (ub, ua, ua), (ub, ua, ub)]
+    return Piece(
+        np.concatenate([piece.vertices, first, second]),
+        np.concatenate([faces, *(np.stack(band, axis=1) for band in bands)]),
+        np.concatenate([piece.uv, *(np.stack(band, axis=1) for band in shown)]),
+    )

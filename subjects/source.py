@@ -1,0 +1,28 @@
+"""What every source of subjects offers: names first, surfaces when asked."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+
+from subjects.subject import Subject
+
+
+class Source(ABC):
+    """Where surfaces come from. A source is its own configuration (a frozen dataclass)."""
+
+    @abstractmethod
+    def ids(self) -> list[str]:
+        """The subjects' ids, at once and without making any.
+
+        Raises:
+            ValueError: there is nothing to make subjects from.
+        """
+
+    @abstractmethod
+    def make(self, subject: str, seed: int, folder: Path) -> Subject:
+        """Make or find one subject, its files below `folder`; runs in a worker process.
+
+        Raises:
+            MeshError: the surface cannot be used.
+        """

@@ -1,0 +1,101 @@
+"""A subject: one person's surface, where it lies and how it becomes metres."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from subjects.mesh import Mesh
+from subjects.meshfile import read_mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What a source hands to the renderer: files and a similarity, nothing loaded.
+
+    Attributes:
+        id: unique in the dataset; letters, digits, '.', '_', '-'.
+        source: the name of the source that made it, e.g. "open".
+        licence: SPDX identifier or the licence's name; goes into every shard and the card.
+        mesh: the surface's file.
+        mesh_to_world: (4, 4) similarity from the file's coordinates to the subject's world
+            (metres, y up, facing +z, feet near y = 0, vertical axis through the body).
+        body: file of the parametric body in the same coordinates as the mesh, or None.
+        body_parameters: what made the body, JSON-ready.
+        files: further files that belong to the surface (materials, textures).
+        flip_faces: the mesh file's faces look inwards and are turned when it is read.
+    """
+
+    id: str
+    source: str
+    licence: str
+    mesh: Path
+    mesh_to_world: np.ndarray = field(default_factory=lambda: np.eye(4))
+    body: Path | None = None
+    body_parameters: dict[str, Any] = field(default_factory=dict)
+    files: tuple[Path, ...] = ()
+    flip_faces: bool = False
+
+    def surface(self) -> Mesh:
+        """The surface in the subject's world, its faces looking outwards.
+
+        Raises:
+            MeshError: as `read_mesh`.
+        """
+        mesh = read_mesh(self.mesh)
+        return (mesh.flipped() if self.flip_faces else mesh).transformed(self.mesh_to_world)
+
+    def body_surface(self) -> Mesh | None:
+        """The parametric body in the subject's world, or None where there is none.
+
+        Raises:
+            MeshError: as `read_mesh`.
+        """
+        return None if self.body is None else read_mesh(self.body).transformed(self.mesh_to_world)
+
+    def content_sha256(self) -> str:
+        """The hash of what the files hold, wherever they lie and whatever they are called."""
+        body = [] if self.body is None else [self.body]
+        whole = hashlib.sha256()
+        for role, paths in (("mesh", [self.mesh]), ("file", self.files), ("body", body)):
+            for path in paths:
+                with path.open("rb") as file:
+                    digest = hashlib.file_digest(file, "sha256").hexdigest()
+                whole.update(f"{role} {digest}\n".encode())
+        return whole.hexdigest()
+
+    def to_json(self, folder: Path) -> str:
+        """The subject as JSON text; paths below `folder` are relative to it, others absolute."""
+
+        def name(path: Path) -> str:
+            # links are not followed: a linked scan belongs to the folder that links it
+            path, base = path.absolute(), folder.absolute()
+            return (path.relative_to(base) if path.is_relative_to(base) else path).as_posix()
+
+        record = {f.name: getattr(self, f.name) for f in fields(self)} | {
+            "mesh": name(self.mesh),
+            "mesh_to_world": self.mesh_to_world.tolist(),
+            "body": None if self.body is None else name(self.body),
+            "files": [name(path) for path in self.files],
+        }
+        return json.dumps(record, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str, folder: Path) -> Subject:
+        """The subject that `to_json` wrote, with its relative paths below `folder`."""
+        record = json.loads(text)
+        body = record["body"]
+        return cls(
+            **record
+            | {
+                "mesh": folder / record["mesh"],
+                "mesh_to_world": np.array(record["mesh_to_world"]),
+                "body": None if body is None else folder / body,
+                "files": tuple(folder / path for path in record["files"]),
+            }
+        )
