@@ -6,36 +6,19 @@ Heavy imports wait until their command runs, and Blender and torch stay in worke
 from __future__ import annotations
 
 import argparse
+import difflib
 import os
 import re
 import sys
+from dataclasses import fields
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from jsonargparse import ActionConfigFile, ArgumentParser, set_parsing_settings
 from jsonargparse.typing import PositiveInt
 
-DONE, FAILURES, WRONG = 0, 1, 2
-
-
-class Parser(ArgumentParser):
-    """Says what was wrong with the call in one line."""
-
-    def error(self, message: str, ex: Exception | None = None) -> NoReturn:
-        sys.stderr.write(f"error: {_one_line(message)} ({_command(self)} --help lists the keys)\n")
-        raise SystemExit(WRONG)
-
-
-def _command(parser: argparse.ArgumentParser) -> str:
-    return f"python {parser.prog}".split(" [")[0]
-
-
-def _one_line(message: str) -> str:
-    """A jsonargparse message without its line breaks and class names, the key first."""
-    message = re.sub(r'Parser key "([^"]+)":', r"\1:", message)
-    message = re.sub(r"Problem with given class_path '[\w.]*?(\w+)':", r"\1:", message)
-    message = re.sub(r"<class '(?:\w+\.)*(\w+)'>", r"\1", message)
-    return " ".join(message.split())
+DONE, FAILURES, WRONG, INTERRUPTED = 0, 1, 2, 130
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -46,27 +29,73 @@ def main(arguments: list[str] | None = None) -> int:
     """
     commands = {"build": (_add_build, _build), "verify": (_add_verify, _verify)}
     given = sys.argv[1:] if arguments is None else arguments
-    parser = Parser(prog="pipeline.py", description=__doc__.splitlines()[0])
-    sub = parser.add_subcommands(dest="command")
+    parser = ArgumentParser(
+        prog="pipeline.py", description=__doc__.splitlines()[0], exit_on_error=False
+    )
+    choices = parser.add_subcommands(dest="command")
+    children = {}
     for name, (add, run) in commands.items():
-        child = Parser(prog=f"pipeline.py {name}", description=(run.__doc__ or "").splitlines()[0])
+        summary = (run.__doc__ or "").splitlines()[0]
+        children[name] = ArgumentParser(description=summary, exit_on_error=False)
         # Only the command that was called pays for the imports of its options.
         if name in given[:1]:
-            add(child)
-        sub.add_subcommand(name, child, help=(run.__doc__ or "").splitlines()[0])
+            add(children[name])
+        choices.add_subcommand(name, children[name], help=summary)
     try:
         parsed = parser.parse_args(given)
-        return commands[parsed.command][1](parser, parsed[parsed.command])
-    except (ValueError, OSError) as error:
-        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
+        return commands[parsed.command][1](parser, parsed)
+    except (argparse.ArgumentError, ValueError, OSError) as error:
+        sys.stderr.write(f"error: {_explain(error, children, given)}\n")
         return WRONG
     except KeyboardInterrupt:
         sys.stderr.write("interrupted; run the same command again to go on\n")
-        return 130
+        return INTERRUPTED
+
+
+def _explain(error: Exception, children: dict[str, ArgumentParser], given: list[str]) -> str:
+    """What is wrong with a call, in one line: the file and the key first, the cure last."""
+    parser = children.get(given[0]) if given else None
+    message = str(error)
+    if isinstance(error, argparse.ArgumentError):
+        message = _cure(message, parser)
+        call = " ".join(["python pipeline.py", *(given[:1] if parser else [])])
+        message += f" ({call} --help lists what is known)"
+    file = _faulty_config(parser, given)
+    return " ".join((f"{file}: {message}" if file else message).split())
+
+
+def _cure(message: str, parser: ArgumentParser | None) -> str:
+    """A parser's message without its class names, and with what might have been meant."""
+    message = re.sub(r'Parser key "([^"]+)":', r"\1:", message)
+    message = re.sub(r"Problem with given class_path '[\w.]*?(\w+)':", r"\1:", message)
+    message = re.sub(r"<class '(?:\w+\.)*(\w+)'>", r"\1", message)
+    unknown = re.search(r"[oO]ption '([\w.]+)'", message)
+    if unknown and parser is not None:
+        keys = {key for action in parser._actions for key in action.dest.split(".")}
+        near = difflib.get_close_matches(unknown[1], sorted(keys), n=1)
+        message += f"; did you mean {near[0]}?" if near else ""
+    if "dot import path" in message:
+        from engine.config import SOURCES
+
+        message += f"; known: {', '.join(source.__name__ for source in SOURCES)}"
+    return message
+
+
+def _faulty_config(parser: ArgumentParser | None, given: list[str]) -> str | None:
+    """The configuration file, where it is wrong by itself, whatever else the call says."""
+    named = [after for word, after in pairwise(given) if word == "--config"]
+    named += [word.removeprefix("--config=") for word in given if word.startswith("--config=")]
+    if parser is None:
+        return None
+    for name in named:
+        try:
+            parser.instantiate(parser.parse_args(["--config", name, "--output", "."]))
+        except (argparse.ArgumentError, ValueError):
+            return name
+    return None
 
 
 def _add_build(parser: ArgumentParser) -> None:
-    import subjects.scans  # makes Scans known as a source
     from engine.config import BuildConfig
     from subjects.source import Source
 
@@ -79,19 +108,17 @@ def _add_build(parser: ArgumentParser) -> None:
     parser.add_class_arguments(BuildConfig)
 
 
-def _build(parser: ArgumentParser, options: Any) -> int:
+def _build(parser: ArgumentParser, parsed: Any) -> int:
     """Build a dataset of front/back RGB-D shards, or finish one."""
     from engine.build import build
     from engine.config import BuildConfig
 
-    values = {
-        key: value
-        for key, value in options.as_dict().items()
-        if key not in ("config", "output", "jobs")
-    }
-    made = parser.instantiate(options)
-    config = BuildConfig(**{key: made[key] for key in values})
-    whole = build(config, values, Path(options.output), options.jobs)
+    given = parsed.build.as_dict()
+    made = parser.instantiate(parsed).build
+    names = [field.name for field in fields(BuildConfig)]
+    config = BuildConfig(**{name: made[name] for name in names})
+    record = {name: given[name] for name in names}
+    whole = build(config, record, Path(given["output"]), given["jobs"])
     return DONE if whole else FAILURES
 
 
@@ -99,11 +126,14 @@ def _add_verify(parser: ArgumentParser) -> None:
     parser.add_argument("data", type=str, help="folder of the dataset")
 
 
-def _verify(parser: ArgumentParser, options: Any) -> int:
+def _verify(parser: ArgumentParser, parsed: Any) -> int:
     """Prove a dataset again: checksums, schema, and depth against an independent ray cast."""
+    from engine.progress import Progress
     from shards.verify import verify
 
-    report = verify(Path(options.data))
+    progress = Progress("verified")
+    report = verify(Path(parsed.verify.data), progress.show)
+    progress.close()
     print(report.table())
     return DONE if report.ok else FAILURES
 

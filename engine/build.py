@@ -30,6 +30,7 @@ def build(config: BuildConfig, record: dict[str, Any], output: Path, jobs: int |
         ValueError: the source has no subjects, or `output` holds something else.
     """
     start = time.monotonic()
+    config.subjects.refuse_output(output)
     planned = config.subjects.ids()
     writer = DatasetWriter(output, record, planned, config.seed)
     finished = set(writer.finished)

@@ -11,7 +11,10 @@ from render.cycles import CyclesConfig
 from render.views import ViewsConfig
 from shards.config import ShardsConfig
 from subjects.open import OpenHumans
+from subjects.scans import Scans
 from subjects.source import Source
+
+SOURCES: tuple[type[Source], ...] = (OpenHumans, Scans)
 
 
 @dataclass(frozen=True)

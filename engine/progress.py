@@ -42,7 +42,12 @@ class Progress:
             self._bar.set_postfix_str(rate, refresh=False)
             self._bar.update()
         elif failure is None:
-            parts = [f"{self._what} {self._done}/{self._total}", subject, rate, f"{left:.0f} s left"]
+            parts = [
+                f"{self._what} {self._done}/{self._total}",
+                subject,
+                rate,
+                f"{left:.0f} s left",
+            ]
             print("  " + ", ".join(part for part in parts if part), file=self._stream, flush=True)
 
     def close(self) -> None:

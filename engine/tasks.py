@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import platform
 import shutil
@@ -72,16 +73,22 @@ def make_subject(task: SubjectTask) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     subject = task.config.subjects.make(task.subject, task.config.seed, folder)
-    record = {"sha256": subject.content_sha256(), **subject.to_json(folder)}
+    record = {"sha256": subject.content_sha256(), "subject": subject.to_json(folder)}
     temporary = folder / f".{RECORD}.tmp"
     temporary.write_text(json.dumps(record, indent=1, sort_keys=True) + "\n")
     temporary.replace(folder / RECORD)
 
 
+def read_record(folder: Path) -> tuple[Subject, str]:
+    """The subject that `make_subject` left in `folder`, and the checksum of its content."""
+    record = json.loads((folder / RECORD).read_text())
+    return Subject.from_json(record["subject"], folder), record["sha256"]
+
+
 def _is_whole(folder: Path) -> bool:
     try:
-        record = json.loads((folder / RECORD).read_text())
-        return Subject.from_json(record, folder).content_sha256() == record["sha256"]
+        subject, sha256 = read_record(folder)
+        return subject.content_sha256() == sha256
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
@@ -94,8 +101,7 @@ def make_shard(task: ShardTask) -> ShardResult:
     start = time.monotonic()
     config = task.config
     folder = subject_folder(task.dataset, task.subject)
-    record = json.loads((folder / RECORD).read_text())
-    subject = Subject.from_json(record, folder)
+    subject, _ = read_record(folder)
     surface, body = subject.surface(), subject.body_surface()
     camera = place_camera(
         config.camera,
@@ -120,7 +126,7 @@ def make_shard(task: ShardTask) -> ShardResult:
         "licence": subject.licence,
         "mesh": subject.mesh.relative_to(task.dataset).as_posix(),
         "mesh_to_world": subject.mesh_to_world.tolist(),
-        "mesh_sha256": record["sha256"],
+        "mesh_sha256": _sha256(subject.mesh),
         "flip_faces": subject.flip_faces,
         "body": subject.body.relative_to(task.dataset).as_posix() if subject.body else None,
         "body_parameters": subject.body_parameters,
@@ -175,6 +181,11 @@ def _members(seen: Any, yaw_deg: np.ndarray, config: BuildConfig, subject: str) 
         members["radiance_front"] = seen.radiance_front.astype(np.float16)
         members["radiance_back"] = seen.radiance_back.astype(np.float16)
     return members
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _versions() -> dict[str, str]:

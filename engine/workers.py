@@ -17,7 +17,7 @@ Item = TypeVar("Item")
 MAX_DEATHS = 2
 
 
-class WorkerDied(RuntimeError):
+class WorkerDiedError(RuntimeError):
     """A task whose worker process died each time it was tried."""
 
 
@@ -33,7 +33,7 @@ def run(
 
     An exception is a result too: it is yielded, not raised. No more than `jobs` items are under
     way at a time, so a worker that dies implicates few; those are tried once more, one by one,
-    and an item that kills its worker twice yields WorkerDied. Leaving the iterator early kills
+    and an item that kills its worker twice yields WorkerDiedError. Leaving the iterator early kills
     the workers.
 
     Args:
@@ -65,9 +65,12 @@ def run(
                         if deaths[item] < MAX_DEATHS:
                             suspects.append(item)
                         else:
-                            yield item, WorkerDied(
-                                f"its worker process died {MAX_DEATHS} times "
-                                "(out of memory, killed, or a crash in native code)"
+                            yield (
+                                item,
+                                WorkerDiedError(
+                                    f"its worker process died {MAX_DEATHS} times "
+                                    "(out of memory, killed, or a crash in native code)"
+                                ),
                             )
                     else:
                         yield item, error if error is not None else future.result()

@@ -109,9 +109,7 @@ def place_camera(config: CameraConfig, points: np.ndarray) -> Camera:
     low, high = points[:, 1].min(), points[:, 1].max()
     radius = float(np.sqrt((points[:, [0, 2]] ** 2).sum(axis=1).max()))
     # Two pixels stay free on every side: the mask never touches the border.
-    needed = float(
-        max((high - low) / (config.rows - 4), 2 * radius / (config.columns - 4), 1e-6)
-    )
+    needed = float(max((high - low) / (config.rows - 4), 2 * radius / (config.columns - 4), 1e-6))
     pixel_size = needed if config.pixel_size == "fit" else config.pixel_size
     if pixel_size < needed:
         raise FrameError(

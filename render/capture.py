@@ -112,9 +112,7 @@ def capture(
     surface_scene = Scene(
         "surface", surface, camera, cycles, light_position=light_position, threads=threads
     )
-    body_scene = body and Scene(
-        "body", body, camera, cycles, light_position=None, threads=threads
-    )
+    body_scene = body and Scene("body", body, camera, cycles, light_position=None, threads=threads)
     with tempfile.TemporaryDirectory(prefix="rectoverso-") as name:
         folder = Path(name)
         for i, angle in enumerate(yaw):

@@ -139,9 +139,7 @@ class Scene:
             data.materials.append(self._matte(Material(), attribute=VERTEX_COLOR))
             return
         if mesh.uv is not None:
-            data.uv_layers.new(name="uv").data.foreach_set(
-                "uv", mesh.uv.astype(np.float32).ravel()
-            )
+            data.uv_layers.new(name="uv").data.foreach_set("uv", mesh.uv.astype(np.float32).ravel())
         for material in mesh.materials:
             data.materials.append(self._matte(material))
         data.polygons.foreach_set("material_index", mesh.face_material)

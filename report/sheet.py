@@ -1,6 +1,6 @@
 """A picture of a dataset: one row a subject, one column a map.
 
-    python -m report.sheet out/demo --output sheet.png
+python -m report.sheet out/demo --output sheet.png
 """
 
 from __future__ import annotations
@@ -43,9 +43,7 @@ def sheet(folder: Path, subjects: list[str], view: int) -> Image.Image:
         rows.append(shard.view(view))
     top, bottom, left, right = _common_box([row["mask"] for row in rows])
     cells = [
-        np.concatenate(
-            [_picture(row, name)[top:bottom, left:right] for name in COLUMNS], axis=1
-        )
+        np.concatenate([_picture(row, name)[top:bottom, left:right] for name in COLUMNS], axis=1)
         for row in rows
     ]
     return _titled(np.concatenate(cells, axis=0), right - left)

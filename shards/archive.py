@@ -13,6 +13,7 @@ import json
 import math
 import mmap
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -93,12 +94,12 @@ def _write_member(
     info.file_size = len(header.getvalue()) + array.nbytes
     zip64 = info.file_size * 1.05 > zipfile.ZIP64_LIMIT  # zipfile's own rule, made explicit
     if method == zipfile.ZIP_STORED:
-        start = file.tell() + zipfile.sizeFileHeader + len(info.filename) + _EXTRA_HEADER.size
+        start = file.tell() + _LOCAL_HEADER.size + len(info.filename) + _EXTRA_HEADER.size
         padding = -(start + (_ZIP64_EXTRA if zip64 else 0)) % _ALIGNMENT
         info.extra = _EXTRA_HEADER.pack(_ALIGNMENT_ID, 2 + padding, _ALIGNMENT) + bytes(padding)
     with archive.open(info, "w", force_zip64=zip64) as member:
         member.write(header.getvalue())
-        member.write(memoryview(array.reshape(-1)).cast("B"))
+        member.write(array.reshape(-1).view(np.uint8).data)
 
 
 @dataclass(frozen=True)
@@ -220,6 +221,7 @@ class Shard:
 _BROKEN = (
     *(ValueError, KeyError, EOFError, OSError, NotImplementedError, OverflowError),
     *(zipfile.BadZipFile, zlib.error, struct.error),
+    *(TypeError, SyntaxError, tokenize.TokenError),  # numpy parses a header as Python text
 )
 """What zipfile, zlib, json and numpy raise at torn or foreign bytes."""
 
@@ -282,7 +284,7 @@ def _read_view(file: io.RawIOBase, member: StoredMember, index: int) -> np.ndarr
     file.seek((member.offset or 0) + index * view.nbytes)
     # Straight into the array: as fast as copying out of a map, and a file that was cut short
     # meanwhile is an error here, where a map would end the process.
-    rest = memoryview(view.reshape(-1)).cast("B")
+    rest = view.reshape(-1).view(np.uint8).data
     while rest:
         count = file.readinto(rest)
         if not count:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import os
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
 
 _SUFFIX = ".tmp"
 
 
 @contextmanager
-def atomic_write(path: Path) -> Iterator[BinaryIO]:
+def atomic_write(path: Path) -> Iterator[io.BufferedRandom]:
     """A binary file to write and read back that takes the name `path` when the block ends.
 
     The bytes go to a hidden temporary file in the same folder, reach the disk, and only then take

@@ -202,7 +202,9 @@ class DatasetWriter:
             members = members or shard.members
             views += len(shard)
         entries = [self._entries[subject] for subject in sorted(self._entries)]
-        splits = {name: [e.subject for e in entries if e.split == name] for name in SPLITS}
+        splits: dict[Split, list[str]] = {
+            name: [e.subject for e in entries if e.split == name] for name in SPLITS
+        }
         sha256 = config_sha256(self.config)
         block = {
             "schema_version": schema.SCHEMA_VERSION,
@@ -215,7 +217,8 @@ class DatasetWriter:
                 "planned": len(self.planned),
                 "subjects": len(entries),
                 "failures": len(self._failures),
-                **{name: len(subjects) for name, subjects in splits.items()},
+                "train": len(splits["train"]),
+                "test": len(splits["test"]),
                 "views": views,
             },
             "totals": {"bytes": sum(entry.bytes for entry in entries)},

@@ -204,6 +204,8 @@ def _load_obj(data: bytes, folder: _Folder) -> dict[str, Any]:
     if len(libraries) > 1:
         raise MeshError(f"names {len(libraries)} material files; join them into one")
     materials = {} if not libraries else _read_mtl(min(libraries), folder)
+    if materials and not used:
+        raise MeshError(f"uses no material of '{min(libraries)}'; add a usemtl line to it")
     if libraries and used - set(materials):
         raise MeshError(
             f"uses material '{min(used - set(materials))}', which '{min(libraries)}' does not "
@@ -296,6 +298,13 @@ def _check_gltf(header: dict[str, Any], binary: bytes, folder: _Folder) -> None:
     for extension in header.get("extensionsRequired", ()):
         if not _GLTF_EXTENSIONS.fullmatch(extension):
             raise MeshError(f"needs the glTF extension {extension}; export it without")
+    for material in header.get("materials", ()):
+        texture = material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
+        if texture.get("texCoord") or "KHR_texture_transform" in texture.get("extensions", ()):
+            raise MeshError(
+                f"moves the texture of material '{material.get('name', '')}' or has a second set "
+                "of coordinates for it; bake them into the first set"
+            )
     for number, image in enumerate(header.get("images", ())):
         if "uri" in image:
             content = _gltf_bytes(image["uri"], folder)

@@ -13,6 +13,7 @@ import numpy as np
 
 from subjects.mesh import MeshError
 from subjects.meshfile import EXTENSIONS, check_winding, read_mesh_and_files
+from subjects.source import Source
 from subjects.subject import Subject
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -28,7 +29,7 @@ BODY = "body.obj"
 
 
 @dataclass(frozen=True)
-class Scans:
+class Scans(Source):
     """A folder of OBJ, PLY, glTF or STL scans, one person each.
 
     What a scan's file does not say is asked for: which way is up, which way the person looks and
@@ -88,6 +89,14 @@ class Scans:
             ValueError: `root` holds no scans, or two of them get the same id.
         """
         return sorted(self._paths)[: self.limit]
+
+    def refuse_output(self, output: Path) -> None:
+        """As `Source.refuse_output`: links below `root` would be scans of the next build."""
+        if output.resolve().is_relative_to(Path(self.root).expanduser().resolve()):
+            raise ValueError(
+                f"'{output}' lies inside subjects root '{self.root}'; "
+                "put the dataset beside the scans, not among them"
+            )
 
     def make(self, subject: str, seed: int, folder: Path) -> Subject:
         """The subject of that id, its files linked (or copied, where links fail) into `folder`.

@@ -26,3 +26,6 @@ class Source(ABC):
         Raises:
             MeshError: the surface cannot be used.
         """
+
+    def refuse_output(self, output: Path) -> None:  # noqa: B027
+        """Raise ValueError where a dataset at `output` would disturb the source."""

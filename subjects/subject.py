@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -69,26 +68,24 @@ class Subject:
                 whole.update(f"{role} {digest}\n".encode())
         return whole.hexdigest()
 
-    def to_json(self, folder: Path) -> str:
-        """The subject as JSON text; paths below `folder` are relative to it, others absolute."""
+    def to_json(self, folder: Path) -> dict[str, Any]:
+        """The subject as JSON values; paths below `folder` are relative to it, others absolute."""
 
         def name(path: Path) -> str:
             # links are not followed: a linked scan belongs to the folder that links it
             path, base = path.absolute(), folder.absolute()
             return (path.relative_to(base) if path.is_relative_to(base) else path).as_posix()
 
-        record = {f.name: getattr(self, f.name) for f in fields(self)} | {
+        return {f.name: getattr(self, f.name) for f in fields(self)} | {
             "mesh": name(self.mesh),
             "mesh_to_world": self.mesh_to_world.tolist(),
             "body": None if self.body is None else name(self.body),
             "files": [name(path) for path in self.files],
         }
-        return json.dumps(record, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
     @classmethod
-    def from_json(cls, text: str, folder: Path) -> Subject:
-        """The subject that `to_json` wrote, with its relative paths below `folder`."""
-        record = json.loads(text)
+    def from_json(cls, record: dict[str, Any], folder: Path) -> Subject:
+        """The subject that `to_json` gave, with its relative paths below `folder`."""
         body = record["body"]
         return cls(
             **record

@@ -35,8 +35,8 @@ PLACES: dict[str, tuple[Rectangle, ...]] = {
         (0.965, 0.420, 1.000, 0.480),
     ),
     SKIRT: ((0.315, 0.000, 0.800, 0.325),),
-    EYES[0]: ((0.840, 0.500, 0.915, 0.585),),
-    EYES[1]: ((0.920, 0.500, 0.995, 0.585),),
+    EYES[0]: ((0.840, 0.540, 0.885, 0.585), (0.840, 0.490, 0.885, 0.535)),
+    EYES[1]: ((0.890, 0.540, 0.935, 0.585), (0.890, 0.490, 0.935, 0.535)),
     HAIR: ((0.805, 0.000, 1.000, 0.325),),
 }
 MARGIN = 0.004
@@ -84,9 +84,7 @@ def _islands(quads: np.ndarray, uv: np.ndarray) -> np.ndarray:
     graph = coo_matrix((np.ones(len(face)), (face, corner + len(quads))), shape=(size, size))
     label = connected_components(graph, directed=False)[1][: len(quads)]
     x, y = uv[..., 0], uv[..., 1]
-    area = 0.5 * np.abs(
-        (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1)
-    )
+    area = 0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
     names, label = np.unique(label, return_inverse=True)
     total = np.bincount(label, weights=area, minlength=len(names))
     rank = np.empty(len(names), dtype=int)
@@ -141,9 +139,7 @@ def texels(size: int) -> Texels:
         ~covered.reshape(size, size), return_distances=False, return_indices=True
     )
     nearest = index[(rows * size + columns).ravel()]
-    return Texels(
-        size, pixel, np.concatenate(owner)[face_of], shown[:, :3], shown[:, 3:], nearest
-    )
+    return Texels(size, pixel, np.concatenate(owner)[face_of], shown[:, :3], shown[:, 3:], nearest)
 
 
 def _rasterise(xy: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -163,9 +159,10 @@ def _rasterise(xy: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.nd
             p = np.stack([column + 0.5, row + 0.5], axis=2)
             a, b, c = (xy[some, k][:, None] for k in range(3))
             whole = _cross(b - a, c - a)
-            w = np.stack(
-                [_cross(b - p, c - p), _cross(c - p, a - p), _cross(a - p, b - p)], axis=2
-            ) / whole[..., None]
+            w = (
+                np.stack([_cross(b - p, c - p), _cross(c - p, a - p), _cross(a - p, b - p)], axis=2)
+                / whole[..., None]
+            )
             inside = (w >= -1e-9).all(axis=2) & (column < size) & (row < size)
             face, k = np.nonzero(inside)
             faces.append(some[face])

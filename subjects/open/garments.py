@@ -59,14 +59,16 @@ def draw_outfit(generator: np.random.Generator, skirt_allowed: bool, gender: flo
     """One outfit. A skirt only where the pose leaves it its shape."""
     skirt = bool(skirt_allowed and generator.random() < (0.5 if gender > 0.5 else 0.0))
     sleeve = float(
-        generator.choice([generator.uniform(0.40, 0.62), generator.uniform(1.62, 1.9)], p=[0.5, 0.5])
+        generator.choice(
+            [generator.uniform(0.40, 0.62), generator.uniform(1.62, 1.9)], p=[0.5, 0.5]
+        )
     )
     neckline = str(generator.choice(["crew", "vee", "scoop", "shirt"], p=[0.35, 0.2, 0.15, 0.3]))
     tucked = bool(generator.random() < (0.6 if skirt else 0.25))
     lengths = {
         "shorts": generator.uniform(-0.33, -0.22),
         "calf": generator.uniform(-0.60, -0.52),
-        "long": generator.uniform(-0.765, -0.735),
+        "long": generator.uniform(-0.746, -0.732),
     }
     length = str(generator.choice(list(lengths), p=[0.22, 0.1, 0.68]))
     cuff = float(lengths[length])
@@ -106,32 +108,53 @@ def arm_length(place: np.ndarray) -> np.ndarray:
 def neckline_field(place: np.ndarray, kind: str) -> np.ndarray:
     """Positive above the neckline, metres on the template."""
     x, y, z = place.T
-    crew = y - (0.592 - 0.50 * (z + 0.02))
+
+    def ring(height: float, slope: float, radius: float) -> np.ndarray:
+        """Above a plane that falls to the front, and within a column around the neck."""
+        above = y - (height - slope * (z + 0.02))
+        within = radius - np.hypot(x, (z - 0.01) / 1.15)
+        # A soft minimum rounds the corner between the two; the head is above every neckline.
+        soft = -0.015 * np.logaddexp(-above / 0.015, -within / 0.015)
+        return np.maximum(soft, y - 0.61)
+
+    if kind == "shirt":
+        return ring(0.590, 0.52, 0.085)
+    crew = ring(0.580, 0.55, 0.092)
     if kind == "crew":
         return crew
-    if kind == "shirt":
-        return y - (0.607 - 0.42 * (z + 0.02))
-    front = z > 0.02
+    front = ramp(z, 0.0, 0.03)
     if kind == "vee":
-        return np.where(front, np.maximum(crew, 0.8 * (y - 0.475 - 1.35 * np.abs(x))), crew)
-    bowl = np.hypot(x / 1.15, y - 0.60) - 0.105
-    return np.where(front, np.maximum(crew, -bowl), crew)
+        wedge = 0.8 * (y - 0.470 - 1.45 * np.abs(x))
+        return np.maximum(crew, wedge - 0.3 * (1.0 - front))
+    bowl = 0.105 - np.hypot(x, y - 0.575)
+    return np.maximum(crew, bowl - 0.3 * (1.0 - front))
+
+
+def hem_height(outfit: Outfit, place: np.ndarray) -> np.ndarray:
+    """Height of the top's lower edge, a little lower behind; tucked in, it ends under the waist."""
+    if outfit.tucked:
+        return waist_height(outfit, place) - 0.035
+    return outfit.hem + 0.05 * place[:, 2]
+
+
+def waist_height(outfit: Outfit, place: np.ndarray) -> np.ndarray:
+    """Height of the upper edge of trousers or skirt, a little higher behind."""
+    return outfit.waist + 0.08 * (0.02 - place[:, 2])
 
 
 def top_field(outfit: Outfit, place: np.ndarray, arm: np.ndarray) -> np.ndarray:
     """Negative where the top is."""
     on_arm = arm > 0.5
     sleeve = np.where(on_arm, 0.22 * (arm_length(place) - outfit.sleeve), -0.2)
-    hem = outfit.waist - 0.035 if outfit.tucked else outfit.hem
-    # A hem a little lower behind.
-    below = hem - 0.05 * place[:, 2] - place[:, 1]
-    trunk = np.maximum(below, neckline_field(place, outfit.neckline))
+    trunk = np.maximum(
+        hem_height(outfit, place) - place[:, 1], neckline_field(place, outfit.neckline)
+    )
     return np.where(on_arm, sleeve, trunk)
 
 
 def bottom_field(outfit: Outfit, place: np.ndarray, arm: np.ndarray) -> np.ndarray:
     """Negative where trousers or skirt are."""
-    waist = place[:, 1] - (outfit.waist + 0.08 * (0.02 - place[:, 2]))
+    waist = place[:, 1] - waist_height(outfit, place)
     return np.where(arm > 0.5, 0.2, np.maximum(waist, outfit.cuff - place[:, 1]))
 
 
@@ -249,6 +272,12 @@ def fold_field(
     return height * np.tanh(result)
 
 
+def finished(piece: Piece, place: np.ndarray) -> tuple[Piece, Solid]:
+    """The garment with turned-in hems, and its outside as a solid for the next layer."""
+    outside = Solid(piece.vertices, surface.normals(piece.vertices, piece.faces), place)
+    return surface.hemmed(piece, 0.003, 4), outside
+
+
 def ramp(value: np.ndarray, start: float, end: float) -> np.ndarray:
     """Smooth 0 to 1 from `start` to `end`."""
     t = np.clip((value - start) / (end - start), 0.0, 1.0)
@@ -257,17 +286,19 @@ def ramp(value: np.ndarray, start: float, end: float) -> np.ndarray:
 
 def trousers(
     outfit: Outfit, posed: np.ndarray, body: Solid, generator: np.random.Generator
-) -> Piece:
+) -> tuple[Piece, Solid]:
     """Trousers of the outfit's length and width over the posed body."""
     _, place, arm = refined(TIGHTS, 2)
     cloth = pattern(TIGHTS, bottom_field(outfit, place, arm))
     place = cloth.matrix @ template().vertices
     gap = 0.005 + outfit.leg_ease * ramp(place[:, 1], 0.05, -0.62)
     folds = fold_field(generator, place, 70, 0.005) * ramp(place[:, 1], outfit.waist, 0.03)
-    return surface.hemmed(laid_over(cloth, posed, gap, body, folds), 0.003, 0.02)
+    return finished(laid_over(cloth, posed, gap, body, folds), place)
 
 
-def skirt(outfit: Outfit, posed: np.ndarray, body: Solid, generator: np.random.Generator) -> Piece:
+def skirt(
+    outfit: Outfit, posed: np.ndarray, body: Solid, generator: np.random.Generator
+) -> tuple[Piece, Solid]:
     """A skirt from the skirt helper; folds run downwards and open towards the hem."""
     _, place, arm = refined(SKIRT, 2)
     cloth = pattern(SKIRT, bottom_field(outfit, place, arm))
@@ -280,10 +311,12 @@ def skirt(outfit: Outfit, posed: np.ndarray, body: Solid, generator: np.random.G
     )
     gap = 0.005 + 0.012 * down
     piece = laid_over(cloth, posed, gap, body, 0.007 * waves * down, rounds=5, smoothing=14)
-    return surface.hemmed(piece, 0.003, 0.03)
+    return finished(piece, place)
 
 
-def top(outfit: Outfit, posed: np.ndarray, inner: Solid, generator: np.random.Generator) -> Piece:
+def top(
+    outfit: Outfit, posed: np.ndarray, inner: Solid, generator: np.random.Generator
+) -> tuple[Piece, Solid]:
     """Shirt, blouse or jersey over the body and, untucked, over the waistband."""
     _, place, arm = refined(TIGHTS, 2)
     cloth = pattern(TIGHTS, top_field(outfit, place, arm))
@@ -299,7 +332,10 @@ def top(outfit: Outfit, posed: np.ndarray, inner: Solid, generator: np.random.Ge
     gap = gap + np.where(arm > 0.5, 0.0, 0.003 * band)
     calm = ramp(neckline_field(place, outfit.neckline), -0.02, -0.08)
     folds = fold_field(generator, place, 80, 0.0045) * calm
-    return surface.hemmed(laid_over(cloth, posed, gap, inner, folds), 0.003, 0.02)
+    # A loose top hangs straight from the chest; a tucked one follows the waist.
+    steps = 8 if outfit.tucked else 24
+    piece = laid_over(cloth, posed, gap, inner, folds, rounds=5, smoothing=steps)
+    return finished(piece, place)
 
 
 def shoe_last(rest: np.ndarray) -> np.ndarray:
@@ -321,9 +357,7 @@ def shoe_last(rest: np.ndarray) -> np.ndarray:
         rim = 1.0 - ramp(h, 0.012, 0.05)
         widened = v + aside * (0.004 + 0.005 * rim)[:, None]
         sole = v[:, 1].min() - 0.016
-        widened[:, 1] = np.where(
-            h < 0.016, sole, widened[:, 1] - 0.010 * rim + 0.006 * (1 - rim)
-        )
+        widened[:, 1] = np.where(h < 0.016, sole, widened[:, 1] - 0.010 * rim + 0.006 * (1 - rim))
         result[used[one]] = widened
     return result
 
@@ -340,4 +374,4 @@ def shoes(outfit: Outfit, last: np.ndarray, foot: Solid) -> Piece:
     vertices = surface.pushed_out(
         vertices, place, np.full(len(vertices), 0.003), foot.vertices, foot.normals, foot.place
     )
-    return surface.hemmed(Piece(vertices, cloth.faces, cloth.uv), 0.003, 0.02)
+    return surface.hemmed(Piece(vertices, cloth.faces, cloth.uv), 0.002, 4)

@@ -48,10 +48,10 @@ def _parts() -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Name, faces (F, 3) and vertices (K,) of each part; the faces are those it touches."""
     names, label = _labels()
     faces = triangles(template().groups[BODY].quads)
-    owner = np.where(label[faces[:, 0]] == label[faces[:, 1]], label[faces[:, 0]], label[faces[:, 2]])
-    return [
-        (name, faces[owner == k], np.unique(faces[owner == k])) for k, name in enumerate(names)
-    ]
+    owner = np.where(
+        label[faces[:, 0]] == label[faces[:, 1]], label[faces[:, 0]], label[faces[:, 2]]
+    )
+    return [(name, faces[owner == k], np.unique(faces[owner == k])) for k, name in enumerate(names)]
 
 
 @lru_cache(maxsize=1)
@@ -72,9 +72,10 @@ def _caps(faces: np.ndarray) -> list[np.ndarray]:
     """The border loops of `faces`, each as directed edges (E, 2) that close it."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     size = int(edges.max()) + 1
-    code, back = edges[:, 0].astype(np.int64) * size + edges[:, 1], edges[:, 1].astype(
-        np.int64
-    ) * size + edges[:, 0]
+    code, back = (
+        edges[:, 0].astype(np.int64) * size + edges[:, 1],
+        edges[:, 1].astype(np.int64) * size + edges[:, 0],
+    )
     border = edges[~np.isin(code, back)][:, ::-1]
     if len(border) == 0:
         return []

@@ -40,7 +40,7 @@ class Leg:
     """One leg: thigh forward and outward, knee bend, toes outward, foot."""
 
     forward: float = 0.0
-    outward: float = 3.0
+    outward: float = 2.0
     knee: float = 4.0
     toes: float = 8.0
     pitch: float | None = 0.0
@@ -66,7 +66,7 @@ class Pose:
 
 
 HANGING = Arm()
-ON_HIP = Arm((0.98, -0.80, -0.34), (-0.42, -0.80, 0.30), 40.0, -25.0, 25.0)
+ON_HIP = Arm((0.92, -0.80, -0.40), (-0.52, -0.66, 0.40), 10.0, -20.0, 45.0)
 POSES: dict[str, Pose] = {
     "stand": Pose(),
     "a_pose": Pose(
@@ -350,14 +350,16 @@ def _arm(arm: Arm, side: str, sign: float, joints: dict[str, np.ndarray]) -> dic
     girdle = _about(np.array([0.0, 0.0, sign]), rise)
     local_upper, local_fore = girdle.T @ upper, girdle.T @ fore
     # The elbow is a hinge: its axis is square to both bones, at rest and in the pose.
-    turn = _frame(local_upper, np.cross(local_upper, local_fore)) @ _frame(
-        along, np.cross(along, below)
-    ).T
+    turn = (
+        _frame(local_upper, np.cross(local_upper, local_fore))
+        @ _frame(along, np.cross(along, below)).T
+    )
     twist = _twist_degrees(turn, along)
     untwist = _about(along, -twist / 2)
-    elbow = _frame(turn.T @ local_fore, np.cross(along, below)) @ _frame(
-        below, np.cross(along, below)
-    ).T
+    elbow = (
+        _frame(turn.T @ local_fore, np.cross(along, below))
+        @ _frame(below, np.cross(along, below)).T
+    )
     pronate = _about(below, sign * arm.pronation / 2)
     result = {
         f"clavicle.{side}": girdle,

@@ -113,9 +113,7 @@ class Pattern:
     uv: np.ndarray
 
 
-def cut(
-    matrix: sparse.csr_matrix, faces: np.ndarray, uv: np.ndarray, field: np.ndarray
-) -> Pattern:
+def cut(matrix: sparse.csr_matrix, faces: np.ndarray, uv: np.ndarray, field: np.ndarray) -> Pattern:
     """Keep where `field` (N,) is below zero, cutting triangles along its zero line.
 
     The hem is the zero line itself, so it is as smooth as the field, whatever the mesh.
@@ -176,37 +174,31 @@ def cut(
     return Pattern(full[used], compacted.reshape(-1, 3), all_uv)
 
 
-def hemmed(piece: Piece, thickness: float, depth: float) -> Piece:
-    """The piece with its borders turned in: a lip `thickness` thick and `depth` deep (metres)."""
+def hemmed(piece: Piece, thickness: float, rings: int) -> Piece:
+    """The piece with its borders turned in: a second layer inside, `rings` triangles deep.
+
+    Args:
+        thickness: metres between the two layers.
+    """
     faces, n = piece.faces, len(piece.vertices)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     corner_uv = np.concatenate([piece.uv[:, [0, 1]], piece.uv[:, [1, 2]], piece.uv[:, [2, 0]]])
     code = edges[:, 0].astype(np.int64) * n + edges[:, 1]
     border = ~np.isin(edges[:, 1].astype(np.int64) * n + edges[:, 0], code)
-    rim, rim_uv = edges[border], corner_uv[border]
-    if len(rim) == 0:
-        return piece
-    lip = np.unique(rim)
-    renumber = np.full(n, -1)
-    renumber[lip] = np.arange(len(lip))
-    normal = normals(piece.vertices, faces)[lip]
-    # Into the cloth: square to the rim and to the normal.
-    along = np.zeros((n, 3))
-    step = piece.vertices[rim[:, 1]] - piece.vertices[rim[:, 0]]
-    np.add.at(along, rim[:, 0], step)
-    np.add.at(along, rim[:, 1], step)
-    inward = np.cross(normal, along[lip])
-    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
-    first = piece.vertices[lip] - thickness * normal
-    second = piece.vertices[lip] - 1.5 * thickness * normal + depth * inward
-    a, b = rim.T
-    a1, b1 = n + renumber[a], n + renumber[b]
-    a2, b2 = a1 + len(lip), b1 + len(lip)
-    bands = [(b, a, a1), (b, a1, b1), (b1, a1, a2), (b1, a2, b2)]
-    ua, ub = rim_uv[:, 0], rim_uv[:, 1]
-    shown = [(ub, ua, ua), (ub, ua, ub), (ub, ua, ua), (ub, ua, ub)]
+    (a, b), (ua, ub) = edges[border].T, corner_uv[border].transpose(1, 0, 2)
+    near = np.zeros(n, dtype=bool)
+    near[a] = True
+    for _ in range(rings):
+        strip = near[faces].any(axis=1)
+        near[faces[strip]] = True
+    inner, turned = np.unique(faces[strip][:, ::-1], return_inverse=True)
+    below = np.full(n, -1)
+    below[inner] = n + np.arange(len(inner))
+    inside = piece.vertices[inner] - thickness * normals(piece.vertices, faces)[inner]
+    band = [np.stack([b, a, below[a]], axis=1), np.stack([b, below[a], below[b]], axis=1)]
+    band_uv = [np.stack([ub, ua, ua], axis=1), np.stack([ub, ua, ub], axis=1)]
     return Piece(
-        np.concatenate([piece.vertices, first, second]),
-        np.concatenate([faces, *(np.stack(band, axis=1) for band in bands)]),
-        np.concatenate([piece.uv, *(np.stack(band, axis=1) for band in shown)]),
+        np.concatenate([piece.vertices, inside]),
+        np.concatenate([faces, n + turned.reshape(-1, 3), *band]),
+        np.concatenate([piece.uv, piece.uv[strip][:, ::-1], *band_uv]),
     )

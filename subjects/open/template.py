@@ -63,7 +63,7 @@ def data_folder() -> Path:
 @lru_cache(maxsize=1)
 def template() -> Template:
     """Read the base mesh once per process."""
-    wanted = {BODY, TIGHTS, SKIRT, *EYES}
+    wanted = (BODY, TIGHTS, SKIRT, *EYES)
     vertices: list[list[float]] = []
     charts: list[list[float]] = []
     corners: dict[str, list[list[list[int]]]] = {name: [] for name in wanted}

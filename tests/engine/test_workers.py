@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.workers import WorkerDied, run
+from engine.workers import WorkerDiedError, run
 
 
 def pid(_item: int) -> int:
@@ -52,7 +52,7 @@ def test_an_exception_is_a_result_and_the_others_go_on():
 def test_a_killed_worker_costs_its_item_one_retry_and_twice_sets_it_aside(tmp_path):
     items = ["a", "once", "never", "b", "c"]
     results = dict(run(partial(die, tmp_path, "never"), items, jobs=2, threads=1))
-    assert isinstance(results.pop("never"), WorkerDied)
+    assert isinstance(results.pop("never"), WorkerDiedError)
     assert results == {"a": "A", "once": "ONCE", "b": "B", "c": "C"}
 
 

@@ -26,9 +26,7 @@ def pixel_centers(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 def shoot(in_worker, mesh: Mesh, yaw_deg: list[float], body: Mesh | None = None) -> Capture:
     """A capture of `mesh` in a process of its own."""
     camera = place_camera(CameraConfig(), mesh.vertices)
-    return in_worker(
-        capture, mesh, body, camera, np.radians(yaw_deg), LIGHT, CYCLES, 2
-    )
+    return in_worker(capture, mesh, body, camera, np.radians(yaw_deg), LIGHT, CYCLES, 2)
 
 
 def box(sides: list[float]) -> Mesh:
@@ -136,10 +134,12 @@ def test_a_box_at_thirty_degrees_shows_two_faces(in_worker):
 
     x, y = pixel_centers(seen.camera)
     to_camera = np.linalg.inv(seen.camera_to_world[0])
-    corner = (to_camera @ [*(CENTER + [0.3, 0, 0.2]), 1])[:3]
+    reach = np.array([0.3, 0, 0.2])
+    right, left = CENTER + reach, CENTER - reach
+    corner = (to_camera @ [*right, 1])[:3]
     for normal, where in ((front, to_front & mask), (side, to_side & mask)):
         # The plane through a corner: n . (p - corner) = 0, solved for the depth -z.
-        anchor = corner if normal is front else (to_camera @ [*(CENTER - [0.3, 0, 0.2]), 1])[:3]
+        anchor = corner if normal is front else (to_camera @ [*left, 1])[:3]
         z = anchor[2] - (normal[0] * (x - anchor[0]) + normal[1] * (y - anchor[1])) / normal[2]
         assert where.sum() > 1000
         assert np.abs(seen.depth_front[0] + z)[where].max() < RAY / normal[2]

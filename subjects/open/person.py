@@ -1,0 +1,204 @@
+"""One open human from the draw of the body to the files on disk."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from PIL import Image
+
+import seeds
+from subjects.mesh import MeshError
+from subjects.open import body, garments, hair, penetration, poses, surface, texture, wavefront
+from subjects.open.atlas import chart
+from subjects.open.garments import Solid
+from subjects.open.subdivision import refine, triangles
+from subjects.open.surface import Piece
+from subjects.open.template import BODY, EYES, template
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from subjects.open.source import OpenHumans
+
+ATTEMPTS = 8
+"""Draws of one pose, each standing a little more clear of itself, before another is tried."""
+CLEARANCE_STEP = 0.35
+MATERIAL = "material0"
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """A posed bare body and how it came about.
+
+    Attributes:
+        vertices: (19158, 3) base mesh in the world frame, before it is set on the ground.
+        last: the same with the feet of the tights made into shoes.
+    """
+
+    name: str
+    pose: poses.Pose
+    vertices: np.ndarray
+    last: np.ndarray
+    depth: float
+    where: str
+    attempts: int
+
+
+def make_person(config: OpenHumans, subject: str, seed: int, folder: Path) -> dict[str, Any]:
+    """Write one human's files and return what parameters.json holds."""
+    with _one_thread():
+        age, phenotype = body.draw_phenotype(
+            seeds.generator(seed, subject, "phenotype"), config.min_age, config.max_age
+        )
+        rest = body.rest_body(phenotype)
+        posed = _pose(config, subject, seed, rest)
+    outfit = garments.draw_outfit(
+        seeds.generator(seed, subject, "outfit"), posed.pose.skirt, phenotype["gender"]
+    )
+    look = texture.draw_look(seeds.generator(seed, subject, "look"), phenotype, age, outfit)
+    surface_of, ground = _dressed(
+        posed, outfit, look.hair_style, seeds.generator(seed, subject, "cloth")
+    )
+    picture = texture.paint(
+        look, outfit, config.texture_size, seeds.generator(seed, subject, "texture")
+    )
+    bare = posed.vertices - [0.0, ground, 0.0]
+    skin = triangles(template().groups[BODY].quads)
+    used, skin = np.unique(skin, return_inverse=True)
+
+    wavefront.write_textured(folder / f"{subject}.obj", surface_of, f"{MATERIAL}.mtl", MATERIAL)
+    wavefront.write_material(folder / f"{MATERIAL}.mtl", MATERIAL, f"{MATERIAL}.jpeg")
+    wavefront.write_mesh(folder / "body.obj", bare[used], skin.reshape(-1, 3))
+    Image.fromarray(picture).save(folder / f"{MATERIAL}.jpeg", quality=95, subsampling=0)
+    height = rest.vertices[used, 1]
+    return {
+        "body": {
+            "model": "anny",
+            "age_years": round(age, 3),
+            "height_m": round(float(height.max() - height.min()), 4),
+            "phenotype": {key: round(value, 6) for key, value in phenotype.items()},
+            "pose": posed.name,
+            "pose_parameters": poses.as_json(posed.pose),
+            "ground_m": round(float(ground), 6),
+        },
+        "penetration": {
+            "depth_m": round(posed.depth, 5),
+            "where": posed.where,
+            "allowed_m": penetration.ALLOWED,
+            "draws": posed.attempts,
+        },
+        "outfit": outfit.as_json(),
+        "look": look.as_json(),
+        "triangles": len(surface_of.faces),
+        "seed": seed,
+        "versions": {name: metadata.version(name) for name in ("anny", "numpy", "torch", "scipy")},
+    }
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Sums in one order: the number of threads must not show in the bytes."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def _pose(config: OpenHumans, subject: str, seed: int, rest: body.Rest) -> Posed:
+    """The first draw whose limbs stay out of each other."""
+    generator = seeds.generator(seed, subject, "pose")
+    names = list(config.poses or poses.POSES)
+    last = garments.shoe_last(rest.vertices)
+    draws = 0
+    for name in generator.permutation(names):
+        pose = poses.POSES[str(name)]
+        if generator.random() < 0.5:
+            pose = poses.mirrored(pose)
+        for attempt in range(ATTEMPTS):
+            draws += 1
+            drawn = poses.varied(pose, generator, attempt * CLEARANCE_STEP)
+            transforms = body.bone_transforms(rest, poses.rotations(drawn, rest))
+            vertices = body.skin(rest.vertices, transforms)
+            depth, where = penetration.penetration(vertices)
+            if depth <= penetration.ALLOWED:
+                shod = body.skin(last, transforms)
+                return Posed(str(name), drawn, vertices, shod, depth, where, draws)
+    raise MeshError(
+        f"{subject}: no pose of {', '.join(names)} keeps this body's limbs apart; "
+        "allow more poses in subjects.poses"
+    )
+
+
+def _dressed(
+    posed: Posed, outfit: garments.Outfit, style: str, generator: np.random.Generator
+) -> tuple[Piece, float]:
+    """The whole surface with its lowest point at y = 0, and the height that was taken off."""
+    skin = template().groups[BODY]
+    corners = np.concatenate([chart(BODY), skin.uv], axis=2)
+    fine = refine(skin.quads, corners, len(template().vertices), 1)
+    place = fine.matrix @ template().vertices
+    vertices = fine.matrix @ posed.vertices
+    faces = triangles(fine.quads)
+    normal = surface.normals(vertices, faces)
+    bare = Solid(vertices, normal, place)
+
+    wear = garments.skirt if outfit.bottom == "skirt" else garments.trousers
+    if outfit.tucked:
+        upper, under = garments.top(outfit, posed.vertices, bare, generator)
+        lower, _ = wear(outfit, posed.vertices, garments.both(bare, under), generator)
+    else:
+        lower, under = wear(outfit, posed.vertices, bare, generator)
+        upper, _ = garments.top(outfit, posed.vertices, garments.both(bare, under), generator)
+    shoes = garments.shoes(outfit, posed.last, bare)
+
+    uv = triangles(fine.corners)
+    grown = hair.growth(place, _per_vertex(fine.quads, fine.corners[..., 2:], len(place)))
+    grown = np.where(place[:, 1] > 0.62, grown, -1.0)
+    rough = generator.uniform(-1, 1, len(place))
+    mean = surface.averaging(faces, len(place))
+    for _ in range(3):
+        rough = mean @ rough
+    rough /= np.abs(rough).max()
+    haired = hair.raised(vertices, normal, grown, style, rough)
+    head = place[:, 1] > 0.60
+    haired_normal = surface.normals(haired, faces)
+    scalp = Solid(haired[grown > 0.004], haired_normal[grown > 0.004], place[grown > 0.004])
+    around = Solid(
+        np.concatenate([haired[head], upper.vertices]),
+        np.concatenate([haired_normal[head], surface.normals(upper.vertices, upper.faces)]),
+        np.zeros((int(head.sum()) + len(upper.vertices), 3)),
+    )
+
+    hidden = garments.covered(outfit, place, garments.arm_share(fine.matrix))
+    shown = ~hidden[faces].all(axis=1)
+    pieces = [Piece(haired, faces[shown], uv[shown][..., :2]), lower, upper, shoes]
+    for eye in EYES:
+        ball = template().groups[eye]
+        round_ball = refine(ball.quads, chart(eye), len(template().vertices), 1)
+        pieces.append(
+            Piece(
+                round_ball.matrix @ posed.vertices,
+                triangles(round_ball.quads),
+                triangles(round_ball.corners),
+            )
+        )
+    pieces += hair.extras(style, scalp, around, generator)
+    whole = surface.compact(surface.joined(pieces))
+    ground = float(whole.vertices[:, 1].min())
+    return Piece(whole.vertices - [0.0, ground, 0.0], whole.faces, whole.uv), ground
+
+
+def _per_vertex(quads: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Corner values (F, 4, D) as one value per vertex, (count, D); a seam keeps one side's."""
+    result = np.zeros((count, values.shape[2]))
+    result[quads.ravel()] = values.reshape(-1, values.shape[2])
+    return result

