@@ -13,7 +13,7 @@ import mathutils
 import numpy as np
 
 from render.camera import Camera
-from render.cycles import CyclesConfig, configure
+from render.cycles import FILTER_OFFSET, CyclesConfig, configure
 from render.exr import read_layers
 from subjects.mesh import Material, Mesh
 
@@ -70,7 +70,9 @@ class Scene:
             `layer.pass.channel` to (rows, columns) float32.
         """
         to_world = self.camera.to_world(yaw, back)
-        self._camera.matrix_world = mathutils.Matrix(to_world)
+        offset = np.eye(4)
+        offset[:2, 3] = -FILTER_OFFSET * self.camera.pixel_size
+        self._camera.matrix_world = mathutils.Matrix(to_world @ offset)
         if self._light is not None:
             place = np.eye(4)
             place[:3, 3] = self._light_position

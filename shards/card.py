@@ -102,7 +102,7 @@ def render_card(
 
 def _licences_text(licences: Mapping[str, int]) -> str:
     lines = [
-        f"- {licence}: {count} subjects, "
+        f"- {licence} (subjects: {count}): "
         + (
             "may be passed on under its terms"
             if is_redistributable(licence)

@@ -18,6 +18,9 @@ from embreex.rtcore_scene import EmbreeScene
 _CLEARANCE = 0.1
 """Metres between the rays' start and the surface: near, for single precision's sake."""
 
+_NORMAL_TOLERANCE = 1e-3
+"""On each coordinate of a file's own unit normals: text files round them."""
+
 
 @dataclass(frozen=True)
 class Hits:
@@ -134,11 +137,19 @@ def _read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _merge(vertices: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """(N,) index of the shared vertex: one for equal positions whose own normals agree."""
-    keys = np.column_stack([vertices, normals]) + 0.0  # + 0.0 makes -0.0 equal 0.0
-    order = np.lexsort(keys.T)
-    new = np.any(np.diff(keys[order], axis=0) != 0, axis=1)
+    order = np.lexsort(vertices.T)
+    moved = np.any(np.diff(vertices[order], axis=0) != 0, axis=1)
+    place = np.empty(len(vertices), dtype=np.int64)
+    place[order] = np.concatenate([[0], np.cumsum(moved)])
+    normals = _unit(normals)
     shared = np.empty(len(vertices), dtype=np.int64)
-    shared[order] = np.concatenate([[0], np.cumsum(new)])
+    rest, count = np.arange(len(vertices)), 0
+    while len(rest):  # once for each different normal at one place
+        _, first, group = np.unique(place[rest], return_index=True, return_inverse=True)
+        apart = np.abs(normals[rest] - normals[rest[first[group]]]).max(axis=1)
+        alike = apart < _NORMAL_TOLERANCE
+        shared[rest[alike]] = count + group[alike]
+        rest, count = rest[~alike], count + len(first)
     return shared
 
 

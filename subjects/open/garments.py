@@ -20,7 +20,7 @@ from subjects.open.surface import Pattern, Piece
 from subjects.open.template import SKIRT, TIGHTS, template, weight_of
 
 ARM = ("upperarm", "lowerarm", "wrist", "finger", "metacarpal")
-COVER_MARGIN = 0.03
+COVER_MARGIN = 0.06
 """Metres on the template: skin this far under a hem is taken away."""
 COLLAR_WIDTH = 0.022
 
@@ -57,7 +57,7 @@ class Outfit:
 
 def draw_outfit(generator: np.random.Generator, skirt_allowed: bool, gender: float) -> Outfit:
     """One outfit. A skirt only where the pose leaves it its shape."""
-    skirt = bool(skirt_allowed and generator.random() < (0.5 if gender > 0.5 else 0.0))
+    skirt = bool(skirt_allowed and gender > 0.5 and generator.random() < 0.5)
     sleeve = float(
         generator.choice(
             [generator.uniform(0.40, 0.62), generator.uniform(1.62, 1.9)], p=[0.5, 0.5]
@@ -169,13 +169,10 @@ def covered(outfit: Outfit, place: np.ndarray, arm: np.ndarray) -> np.ndarray:
     margin = 0.16 if outfit.bottom == "skirt" else COVER_MARGIN
     bottom = bottom_field(outfit, place, arm) < -margin
     shoe = shoe_field(outfit, place) < -0.012
-    between = (place[:, 1] < outfit.waist) & (place[:, 1] > outfit.hem) & (arm < 0.5)
-    return top | bottom | shoe | (between & ~outfit_gap(outfit))
-
-
-def outfit_gap(outfit: Outfit) -> bool:
-    """Whether skin shows between top and bottom."""
-    return not outfit.tucked and outfit.hem > outfit.waist
+    # Where the two overlap, neither hem is near the outside.
+    lap = np.minimum(waist_height(outfit, place), outfit.waist) + 0.02
+    between = (arm < 0.5) & (place[:, 1] < lap) & (place[:, 1] > hem_height(outfit, place) - 0.02)
+    return top | bottom | shoe | between
 
 
 @lru_cache(maxsize=4)
@@ -275,7 +272,7 @@ def fold_field(
 def finished(piece: Piece, place: np.ndarray) -> tuple[Piece, Solid]:
     """The garment with turned-in hems, and its outside as a solid for the next layer."""
     outside = Solid(piece.vertices, surface.normals(piece.vertices, piece.faces), place)
-    return surface.hemmed(piece, 0.003, 4), outside
+    return surface.hemmed(piece, 0.003, 6), outside
 
 
 def ramp(value: np.ndarray, start: float, end: float) -> np.ndarray:

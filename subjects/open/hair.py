@@ -99,14 +99,14 @@ def _on_scalp(scalp: Solid, side: np.ndarray, rise: np.ndarray) -> np.ndarray:
 
 
 def _curtain(length: float, scalp: Solid, around: Solid, generator: np.random.Generator) -> Piece:
-    columns, over, rows = 72, 8, 26
+    columns, over, rows = 72, 10, 26
     side = np.radians(np.linspace(-112, 112, columns))
     grid = np.empty((over + rows, columns, 3))
-    for k, rise in enumerate(np.radians(np.linspace(62, -4, over))):
+    for k, rise in enumerate(np.radians(np.linspace(78, -4, over))):
         near = _on_scalp(scalp, side, np.full(columns, rise))
         # The first rows start inside the raised hair and come out of it.
-        out = -0.004 + 0.012 * k / (over - 1)
-        grid[k] = scalp.vertices[near] + out * scalp.normals[near]
+        out = -0.006 + 0.013 * k / (over - 1) * ramp(np.abs(side), np.radians(112), np.radians(80))
+        grid[k] = scalp.vertices[near] + out[:, None] * scalp.normals[near]
     grid[:over] = gaussian_filter1d(gaussian_filter1d(grid[:over], 2.0, axis=1), 0.7, axis=0)
     ends = length * (1.0 + 0.05 * generator.normal(0, 1, columns))
     ends = gaussian_filter1d(ends, 3.0) * np.where(np.abs(side) > np.radians(80), 0.92, 1.0)

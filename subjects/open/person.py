@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     from subjects.open.source import OpenHumans
 
-ATTEMPTS = 8
+ATTEMPTS = 10
 """Draws of one pose, each standing a little more clear of itself, before another is tried."""
-CLEARANCE_STEP = 0.35
+CLEARANCE_STEP = 0.25
 MATERIAL = "material0"
 
 

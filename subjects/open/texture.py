@@ -166,7 +166,7 @@ def draw_look(
     at = float(np.clip(depth, 0.0, 1.0)) * (len(SKIN) - 1)
     tone = np.array([np.interp(at, np.arange(len(SKIN)), SKIN[:, k]) for k in range(3)])
     tone = tone * (1.0 + generator.normal(0, 0.015, 3))
-    lips = tone * [0.88, 0.66, 0.66] + [0.03, 0.0, 0.005]
+    lips = tone * [0.86, 0.68, 0.67] + [0.02, 0.0, 0.005]
     male = phenotype["gender"] < 0.5
     fair = share[0] * (1.0 - np.clip(depth, 0, 1))
     names = list(HAIR_COLOURS)[:6]
@@ -263,7 +263,7 @@ def _mix(a: np.ndarray, b: np.ndarray | Colour, share: np.ndarray) -> np.ndarray
 def _hair_colour(look: Look, strands: np.ndarray) -> np.ndarray:
     """(N, 3) for strands of brightness (N,) in [-1, 1]."""
     base = np.array(look.hair)
-    return base * (1.0 + 0.26 * strands[:, None]) + 0.010 * strands[:, None]
+    return base * (1.0 + 0.18 * strands[:, None]) + 0.014 * strands[:, None]
 
 
 def _skin(look: Look, place: np.ndarray, source: np.ndarray, cloud: _Clouds) -> np.ndarray:
@@ -277,9 +277,9 @@ def _skin(look: Look, place: np.ndarray, source: np.ndarray, cloud: _Clouds) -> 
     # Cheeks, nose, ears, knuckles and palms are redder.
     cheek = np.exp(-(((np.abs(x) - 0.042) / 0.02) ** 2) - ((y - 0.694) / 0.02) ** 2)
     nose = np.exp(-((x / 0.012) ** 2) - ((y - 0.694) / 0.012) ** 2)
-    colour = _mix(colour, red, np.where(face, 0.55 * cheek + 0.45 * nose, 0.0))
+    colour = _mix(colour, red, np.where(face, 0.26 * cheek + 0.25 * nose, 0.0))
     colour = _mix(colour, red, 0.35 * hair.masked("ears", source) * head)
-    colour = _mix(colour, look.lips, 0.85 * hair.masked("lips", source))
+    colour = _mix(colour, look.lips, 0.75 * hair.masked("lips", source))
     nails = hair.masked("fingernails", source) + hair.masked("toenails", source)
     colour = _mix(colour, np.array(look.skin) * 0.7 + [0.30, 0.24, 0.24], 0.7 * nails)
     colour = _mix(
@@ -298,7 +298,7 @@ def _skin(look: Look, place: np.ndarray, source: np.ndarray, cloud: _Clouds) -> 
     colour = _mix(colour, np.array(look.hair) * 0.4 + 0.02, np.where(near, 0.75 * lashes, 0.0))
     # Brows arch over the eye and thin out towards the temple.
     t = (np.abs(x) - 0.012) / 0.043
-    arch = eye[1] + 0.0195 + 0.0065 * np.sin(np.pi * np.clip(t, 0, 1) * 0.8)
+    arch = eye[1] + 0.0215 + 0.0035 * np.sin(np.pi * np.clip(t, 0, 1) * 0.8)
     width = 0.0042 * (1.0 - 0.55 * np.clip(t, 0, 1))
     fine = cloud(place, (0.0016, 0.004, 0.004))
     brow = np.exp(-(((y - arch) / width) ** 2)) * ramp(t, -0.08, 0.08) * ramp(t, 1.08, 0.85)

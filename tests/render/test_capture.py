@@ -13,7 +13,7 @@ LIGHT = (0.0, 0.0, 0.0)
 CYCLES = CyclesConfig(samples=4)
 CENTER = np.array([0.07, 0.9, 0.05])
 # Cycles' single-precision rays pass within this of the pixel's centre (metres, across the ray).
-RAY = 4e-6
+RAY = 1e-6
 
 
 def pixel_centers(camera: Camera) -> tuple[np.ndarray, np.ndarray]:

@@ -140,15 +140,15 @@ def meta() -> dict:
 
 @pytest.fixture
 def build(tmp_path: Path) -> Callable[..., Path]:
-    """build(arrays, meta): a finished dataset of that one shard; returns its folder."""
+    """build(arrays, meta, compression): a finished dataset of that one shard; its folder."""
 
-    def build(arrays: dict[str, np.ndarray], meta: dict) -> Path:
+    def build(arrays: dict[str, np.ndarray], meta: dict, compression="stored") -> Path:
         folder = tmp_path / "dataset"
         subject = meta["subject"]
         writer = DatasetWriter(folder, CONFIG, [subject], seed=7)
         (folder / "subjects" / "box.obj").write_text(box_obj(HALF))
         (folder / "subjects" / "body.obj").write_text(box_obj(BODY_HALF))
-        size, sha256 = write_shard(writer.shard_path(subject), arrays, meta)
+        size, sha256 = write_shard(writer.shard_path(subject), arrays, meta, compression)
         writer.add(subject, size, sha256, 1.25, meta["licence"], {"numpy": np.__version__})
         writer.finish()
         return folder

@@ -96,7 +96,9 @@ def test_the_card_warns_of_a_licence_that_forbids_sharing(folder, arrays, meta):
     writer.finish()
     card = (folder / "README.md").read_text()
     assert "Redistributable: no" in card
-    assert "THuman2.0 (non-commercial, no sharing): 1 subjects, not known to allow sharing" in card
+    assert (
+        "THuman2.0 (non-commercial, no sharing) (subjects: 1): not known to allow sharing" in card
+    )
 
 
 def test_the_card_s_snippet_runs(whole, monkeypatch):

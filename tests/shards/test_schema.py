@@ -1,7 +1,11 @@
 """What the schema refuses, and that it names what it refuses."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from shards.schema import (
     MEMBERS,
@@ -96,3 +100,28 @@ def test_subject_ids_that_can():
 def test_paths_that_leave_the_folder(path):
     with pytest.raises(SchemaError, match="no posix path below"):
         check_relative_path(path, "file")
+
+
+CONVENTIONS = (Path(__file__).parents[2] / "docs" / "conventions.md").read_text()
+
+
+def test_the_documentation_has_every_member_as_it_is():
+    for member in MEMBERS.values():
+        assert f"| `{member.name}` | {member.shape_text} | {member.dtype.name} |" in CONVENTIONS
+
+
+def test_the_documentation_has_every_key_of_meta(meta):
+    for key in meta.keys() - {"yaw"}:
+        assert f"`{key}`" in CONVENTIONS, key
+
+
+def test_the_documented_back_projection_lands_on_the_box(arrays, meta):
+    """The snippet's points lie on the box's six planes, in the world."""
+    snippet = next(s for s in CONVENTIONS.split("```python\n")[1:] if "points =" in s)
+    names = {"np": np, "shard": arrays, "meta": json.loads(json.dumps(meta)), "v": 1}
+    exec(snippet.split("```")[0], names)
+    points = names["points"][:, :3]
+    assert len(points) == arrays["mask"][1].sum()
+    tilt = Rotation.from_euler("xyz", (17, 23, 31), degrees=True).as_matrix()
+    box = (points - (0.02, 0.6, 0.01)) @ tilt / (0.25, 0.4, 0.15)
+    np.testing.assert_allclose(np.abs(box).max(axis=1), 1, atol=5e-6)

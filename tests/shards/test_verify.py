@@ -36,6 +36,10 @@ def test_the_closed_form_passes(build, arrays, meta):
     assert report.table().endswith("sound")
 
 
+def test_a_deflated_dataset_passes_as_well(build, arrays, meta):
+    assert verify(build(arrays, meta, "deflate")).breaches == []
+
+
 def test_camera_agrees_with_the_closed_form(arrays, meta):
     camera = meta["camera"]
     for yaw, matrix in zip(arrays["yaw_deg"], arrays["camera_to_world"], strict=True):
@@ -161,6 +165,21 @@ def missing_mesh(arrays, meta):
     meta["mesh"] = "subjects/other.obj"
 
 
+def subject_elsewhere(arrays, meta):
+    meta["mesh_to_world"][0][3] += 10.0
+
+
+def empty_view(arrays, meta):
+    for name, array in arrays.items():
+        if name not in ("yaw_deg", "camera_to_world"):
+            array[1] = 0
+    subject_elsewhere(arrays, meta)
+
+
+def camera_of_nan(arrays, meta):
+    arrays["camera_to_world"][2, 0, 3] = np.nan
+
+
 def wrong_scale(arrays, meta):
     meta["mesh_to_world"][0][0] = meta["mesh_to_world"][1][1] = meta["mesh_to_world"][2][2] = 0.0101
 
@@ -192,6 +211,9 @@ def wrong_scale(arrays, meta):
         (many_dropped, "box view 1: 5 pixels dropped"),
         (wrong_mesh_hash, "box: .*box.obj has another sha256 than meta.mesh_sha256"),
         (missing_mesh, "box: meta.mesh cannot be cast: .*other.obj"),
+        (subject_elsewhere, "box view 0: the subject leaves the frame"),
+        (empty_view, "box view 1: mask is empty"),
+        (camera_of_nan, "box view 2: camera_to_world or yaw_deg is not finite"),
         (wrong_scale, "box view 0: depth_front is off by"),
     ],
 )
