@@ -129,10 +129,12 @@ def _add_verify(parser: ArgumentParser) -> None:
 def _verify(parser: ArgumentParser, parsed: Any) -> int:
     """Prove a dataset again: checksums, schema, and depth against an independent ray cast."""
     from engine.progress import Progress
+    from shards.dataset import Dataset
     from shards.verify import verify
 
-    progress = Progress("verified")
-    report = verify(Path(parsed.verify.data), progress.show)
+    folder = Path(parsed.verify.data)
+    progress = Progress("verify", len(Dataset(folder)))
+    report = verify(folder, progress.step)
     progress.close()
     print(report.table())
     return DONE if report.ok else FAILURES

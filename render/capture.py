@@ -193,7 +193,7 @@ def _silhouette(front: np.ndarray, back: np.ndarray, yaw: float) -> tuple[np.nda
     dropped = int((front ^ back).sum())
     if not mask.any():
         raise CaptureError(f"nothing is seen at yaw {np.degrees(yaw):.2f} deg; check the mesh")
-    if dropped > MAX_DROPPED * mask.sum():
+    if dropped > max(1, MAX_DROPPED * mask.sum()):
         raise CaptureError(
             f"front and back disagree in {dropped} of {int(mask.sum())} pixels at yaw "
             f"{np.degrees(yaw):.2f} deg (at most {MAX_DROPPED:.2%}); "

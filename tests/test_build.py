@@ -278,6 +278,33 @@ def test_wrong_calls_are_one_line_and_status_two(tmp_path):
         assert word in result.stderr
 
 
+def test_an_open_human_is_built_proven_and_drawn(tmp_path):
+    output = tmp_path / "data"
+    result = pipeline(
+        *("build", "--config", ROOT / "configs" / "smoke.yaml", "--output", output),
+        *("--subjects.count", 1, "--shards.radiance", "true"),
+    )
+    assert result.returncode == 0, result.stderr
+    proof = pipeline("verify", output)
+    assert proof.returncode == 0, proof.stdout
+    with np.load(output / "shards" / "open_0000.npz") as shard:
+        mask, body = shard["mask"], shard["body_depth_front"] > 0
+        # The bare body fills most of the clothed silhouette and hardly leaves it.
+        assert 0.5 < (body & mask).sum() / mask.sum() < 1
+        assert (body & ~mask).sum() < 0.01 * mask.sum()
+        assert shard["radiance_back"].dtype == np.float16
+        meta = json.loads(str(shard["meta"]))
+    assert meta["licence"] == "CC0-1.0"
+    assert (output / meta["body"]).is_file()
+
+    picture = tmp_path / "sheet.png"
+    command = [sys.executable, "-m", "report.sheet", str(output), "--output", str(picture)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    with Image.open(picture) as image:
+        pixels = np.asarray(image.convert("RGB"))
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 1000
+
+
 def test_another_configuration_does_not_overwrite_a_dataset(built):
     result = pipeline(
         "build", "--config", built / "config.yaml", "--output", built / "data", "--seed", 6

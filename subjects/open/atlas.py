@@ -51,10 +51,8 @@ def chart(group: str) -> np.ndarray:
 def strip(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Atlas coordinates (..., 2) in the hair's rectangle of `u`, `v` in [0, 1]."""
     u0, v0, u1, v1 = PLACES[HAIR][0]
-    room = 1.0 - 2.0 * MARGIN
-    return np.stack(
-        [u0 + MARGIN + u * (u1 - u0) * room, v0 + MARGIN + v * (v1 - v0) * room], axis=-1
-    )
+    wide, high = u1 - u0 - 2 * MARGIN, v1 - v0 - 2 * MARGIN
+    return np.stack([u0 + MARGIN + u * wide, v0 + MARGIN + v * high], axis=-1)
 
 
 @lru_cache(maxsize=1)

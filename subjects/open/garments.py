@@ -272,7 +272,7 @@ def fold_field(
 def finished(piece: Piece, place: np.ndarray) -> tuple[Piece, Solid]:
     """The garment with turned-in hems, and its outside as a solid for the next layer."""
     outside = Solid(piece.vertices, surface.normals(piece.vertices, piece.faces), place)
-    return surface.hemmed(piece, 0.003, 6), outside
+    return surface.hemmed(piece, 0.003, 10), outside
 
 
 def ramp(value: np.ndarray, start: float, end: float) -> np.ndarray:

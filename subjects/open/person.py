@@ -56,7 +56,7 @@ def make_person(config: OpenHumans, subject: str, seed: int, folder: Path) -> di
             seeds.generator(seed, subject, "phenotype"), config.min_age, config.max_age
         )
         rest = body.rest_body(phenotype)
-        posed = _pose(config, subject, seed, rest)
+        posed = draw_pose(config, subject, seed, rest)
     outfit = garments.draw_outfit(
         seeds.generator(seed, subject, "outfit"), posed.pose.skirt, phenotype["gender"]
     )
@@ -113,7 +113,7 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def _pose(config: OpenHumans, subject: str, seed: int, rest: body.Rest) -> Posed:
+def draw_pose(config: OpenHumans, subject: str, seed: int, rest: body.Rest) -> Posed:
     """The first draw whose limbs stay out of each other."""
     generator = seeds.generator(seed, subject, "pose")
     names = list(config.poses or poses.POSES)

@@ -72,8 +72,8 @@ POSES: dict[str, Pose] = {
     "a_pose": Pose(
         Arm((0.8, -1.0, 0.0), (0.7, -1.0, 0.3)),
         Arm((0.8, -1.0, 0.0), (0.7, -1.0, 0.3)),
-        Leg(outward=9),
-        Leg(outward=9),
+        Leg(outward=6),
+        Leg(outward=6),
     ),
     "weight_on_one_leg": Pose(
         Arm((0.30, -1.0, -0.1), (0.20, -1.0, 0.3)),
@@ -84,7 +84,7 @@ POSES: dict[str, Pose] = {
         trunk=(0, -4, 6),
         head=(0, 12, 3),
     ),
-    "hands_on_hips": Pose(ON_HIP, ON_HIP, Leg(outward=8), Leg(outward=8)),
+    "hands_on_hips": Pose(ON_HIP, ON_HIP, Leg(outward=4), Leg(outward=8)),
     "hand_on_hip": Pose(
         HANGING,
         ON_HIP,
@@ -150,23 +150,23 @@ POSES: dict[str, Pose] = {
     "arms_overhead": Pose(
         Arm((0.52, 1.0, 0.10), (0.18, 1.0, 0.25), 10.0, 0.0, 10.0),
         Arm((0.52, 1.0, 0.10), (0.18, 1.0, 0.25), 10.0, 0.0, 10.0),
-        Leg(outward=8),
-        Leg(outward=8),
+        Leg(outward=4),
+        Leg(outward=4),
         trunk=(-6, 0, 0),
         head=(-8, 0, 0),
     ),
     "arms_open": Pose(
         Arm((0.85, -0.62, 0.35), (0.75, -0.05, 0.85), -70.0, -10.0, 10.0),
         Arm((0.85, -0.62, 0.35), (0.75, -0.05, 0.85), -70.0, -10.0, 10.0),
-        Leg(outward=8),
-        Leg(outward=8),
+        Leg(outward=4),
+        Leg(outward=4),
         head=(-3, 0, 5),
     ),
     "t_stretch": Pose(
         Arm((1.0, -0.06, -0.05), (1.0, -0.02, 0.14)),
         Arm((1.0, -0.06, -0.05), (1.0, -0.02, 0.14)),
-        Leg(outward=9),
-        Leg(outward=9),
+        Leg(outward=6),
+        Leg(outward=6),
     ),
     "squat": Pose(
         Arm((0.28, -0.55, 0.85), (-0.05, -0.10, 1.0), 0.0, 0.0, 22.0),

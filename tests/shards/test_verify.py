@@ -22,10 +22,10 @@ def inner(mask):
 
 def test_the_closed_form_passes(build, arrays, meta):
     calls = []
-    report = verify(build(arrays, meta), progress=lambda *call: calls.append(call))
+    report = verify(build(arrays, meta), progress=calls.append)
     assert report.breaches == []
     assert report.ok
-    assert calls == [(0, 1, "box")]
+    assert calls == ["box"]
     figures = report.figures["box"]
     assert figures["views"] == 3
     assert figures["mask_off"] == figures["body_mask_off"] == figures["depth_off"] == 0
@@ -311,8 +311,8 @@ def test_fewer_views_are_cast_when_asked(build, arrays, meta):
 
 @pytest.fixture
 def sphere(tmp_path):
-    """A sphere of 0.5 m around (0, 1, 0), 81,920 faces, as a file without normals."""
-    mesh = trimesh.creation.icosphere(subdivisions=6, radius=0.5)
+    """A sphere of 0.5 m around (0, 1, 0), 20,480 faces, as a file without normals."""
+    mesh = trimesh.creation.icosphere(subdivisions=5, radius=0.5)
     mesh.apply_translation([0, 1, 0])
     return mesh, tmp_path / "sphere.obj"
 
@@ -350,10 +350,10 @@ def test_rays_on_a_sphere(sphere, kind, towards):
     inside = square > 0.05
     height = np.sqrt(square[inside])
     expected = -2 - towards * height
-    assert np.abs(hits.z[inside] - expected).max() < 1e-4  # the facets' sagitta
+    assert np.abs(hits.z[inside] - expected).max() < 3e-4  # the facets' sagitta
     radial = np.column_stack([x[inside], y[inside] - 0.1, -towards * height]) / 0.5
     cosine = np.einsum("ni,ni->n", hits.normal[inside], radial)
-    assert np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))) < 0.02
+    assert np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))) < 0.05
 
 
 def test_inside_out_faces_give_normals_towards_the_viewer(sphere):
