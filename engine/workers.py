@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -87,14 +88,15 @@ def _pool(jobs: int, threads: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(
         max_workers=jobs,
         timeout=None,
-        initializer=_silence,
+        initializer=_start,
         env={name: str(threads) for name in names},
     )
 
 
-def _silence() -> None:
-    """Send everything the worker prints nowhere: Blender writes to descriptor 1 from C."""
+def _start() -> None:
+    """Keep a worker quiet: its output goes nowhere, and Ctrl-C is its parent's to handle."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     nowhere = os.open(os.devnull, os.O_WRONLY)
-    for descriptor in (1, 2):
+    for descriptor in (1, 2):  # Blender writes to descriptor 1 from C
         os.dup2(nowhere, descriptor)
     os.close(nowhere)

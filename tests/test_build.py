@@ -172,28 +172,62 @@ def test_a_finished_build_does_nothing_again(built):
     assert shard.stat().st_mtime_ns == before
 
 
-def test_a_killed_build_goes_on_to_the_same_bytes(built, tmp_path):
-    output = tmp_path / "data"
-    arguments = ["build", "--config", str(built / "config.yaml"), "--output", str(output)]
+def start_build(config: Path, output: Path) -> subprocess.Popen[str]:
+    """A build in a session of its own, as soon as its first shard is in the manifest."""
+    command = [sys.executable, str(ROOT / "pipeline.py"), "build", "--config", str(config)]
     process = subprocess.Popen(
-        [sys.executable, str(ROOT / "pipeline.py"), *arguments, "--jobs", "1"],
+        [*command, "--output", str(output), "--jobs", "1"],
         stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
         start_new_session=True,
     )
     manifest = output / "manifest.jsonl"
     deadline = time.monotonic() + 120
     while not (manifest.exists() and manifest.read_text().count("\n") >= 1):
-        assert process.poll() is None, "the build ended before it could be killed"
+        assert process.poll() is None, "the build ended before it could be disturbed"
         assert time.monotonic() < deadline
         time.sleep(0.01)
+    return process
+
+
+def session_members(session: int) -> list[int]:
+    """The living processes of a session, zombies left out."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text().rsplit(")", 1)[1].split()
+        except OSError:
+            continue
+        if int(fields[3]) == session and fields[0] != "Z":
+            found.append(int(stat.parent.name))
+    return found
+
+
+def test_ctrl_c_ends_at_once_and_leaves_no_process(built, tmp_path):
+    process = start_build(built / "config.yaml", tmp_path / "data")
+    os.killpg(process.pid, signal.SIGINT)
+    _, stderr = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "run the same command again" in stderr
+    assert "Traceback" not in stderr
+    deadline = time.monotonic() + 10
+    while session_members(process.pid) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert session_members(process.pid) == []
+    assert (tmp_path / "data" / "failures.jsonl").read_text() == ""
+
+
+def test_a_killed_build_goes_on_to_the_same_bytes(built, tmp_path):
+    output = tmp_path / "data"
+    process = start_build(built / "config.yaml", output)
     os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    process.communicate()
     done = checksums(output)
     assert 1 <= len(done) < 3
     kept = {s: (output / "shards" / f"{s}.npz").stat().st_mtime_ns for s in done}
 
-    result = pipeline(*arguments)
+    result = pipeline("build", "--config", built / "config.yaml", "--output", output)
     assert result.returncode == 0, result.stderr
     assert f"{len(done)} of 3 shards stand already" in result.stderr
     assert checksums(output) == checksums(built / "data")
