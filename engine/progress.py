@@ -8,6 +8,8 @@ from typing import TextIO
 
 from tqdm import tqdm
 
+_BAR = "{desc} {bar} {n_fmt}/{total_fmt} subjects, {remaining} left{postfix}"
+
 
 class Progress:
     """Subjects done, views per second, time left: a bar on a terminal, lines elsewhere."""
@@ -25,7 +27,7 @@ class Progress:
         self._done = 0
         self._start = time.monotonic()
         self._bar = (
-            tqdm(total=total, desc=what, unit="subject", file=self._stream, leave=False)
+            tqdm(total=total, desc=what, file=self._stream, leave=False, bar_format=_BAR)
             if self._stream.isatty()
             else None
         )

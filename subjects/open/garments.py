@@ -272,7 +272,7 @@ def fold_field(
 def finished(piece: Piece, place: np.ndarray) -> tuple[Piece, Solid]:
     """The garment with turned-in hems, and its outside as a solid for the next layer."""
     outside = Solid(piece.vertices, surface.normals(piece.vertices, piece.faces), place)
-    return surface.hemmed(piece, 0.003, 10), outside
+    return surface.hemmed(piece, 0.003, rings=6, reach=0.05), outside
 
 
 def ramp(value: np.ndarray, start: float, end: float) -> np.ndarray:
@@ -371,4 +371,4 @@ def shoes(outfit: Outfit, last: np.ndarray, foot: Solid) -> Piece:
     vertices = surface.pushed_out(
         vertices, place, np.full(len(vertices), 0.003), foot.vertices, foot.normals, foot.place
     )
-    return surface.hemmed(Piece(vertices, cloth.faces, cloth.uv), 0.002, 4)
+    return surface.hemmed(Piece(vertices, cloth.faces, cloth.uv), 0.002, rings=4, reach=0.02)

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     from subjects.open.source import OpenHumans
 
-ATTEMPTS = 10
+ATTEMPTS = 18
 """Draws of one pose, each standing a little more clear of itself, before another is tried."""
-CLEARANCE_STEP = 0.25
+CLEARANCE_STEP = 0.3
 MATERIAL = "material0"
 
 
@@ -123,15 +123,20 @@ def draw_pose(config: OpenHumans, subject: str, seed: int, rest: body.Rest) -> P
         pose = poses.POSES[str(name)]
         if generator.random() < 0.5:
             pose = poses.mirrored(pose)
-        for attempt in range(ATTEMPTS):
+        arm_room = leg_room = 0.0
+        for _ in range(ATTEMPTS):
             draws += 1
-            drawn = poses.varied(pose, generator, attempt * CLEARANCE_STEP)
+            drawn = poses.varied(pose, generator, arm_room, leg_room)
             transforms = body.bone_transforms(rest, poses.rotations(drawn, rest))
             vertices = body.skin(rest.vertices, transforms)
             depth, where = penetration.penetration(vertices)
             if depth <= penetration.ALLOWED:
                 shod = body.skin(last, transforms)
                 return Posed(str(name), drawn, vertices, shod, depth, where, draws)
+            if "arm" in where:
+                arm_room += CLEARANCE_STEP
+            else:
+                leg_room += CLEARANCE_STEP
     raise MeshError(
         f"{subject}: no pose of {', '.join(names)} keeps this body's limbs apart; "
         "allow more poses in subjects.poses"

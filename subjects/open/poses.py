@@ -39,9 +39,9 @@ class Arm:
 class Leg:
     """One leg: thigh forward and outward, knee bend, toes outward, foot."""
 
-    forward: float = 0.0
+    forward: float = 4.0
     outward: float = 2.0
-    knee: float = 4.0
+    knee: float = 2.0
     toes: float = 8.0
     pitch: float | None = 0.0
     """Toes down against the ground; None leaves the ankle as the shin carries it."""
@@ -199,8 +199,8 @@ POSES: dict[str, Pose] = {
     "bend_forward": Pose(
         Arm((0.20, -1.0, 0.55), (0.05, -0.85, 0.70)),
         Arm((0.20, -1.0, 0.55), (0.05, -0.85, 0.70)),
-        Leg(forward=0, outward=7, knee=10),
-        Leg(forward=0, outward=7, knee=10),
+        Leg(forward=2, outward=4, knee=10),
+        Leg(forward=2, outward=4, knee=10),
         hips=(18, 0, 0),
         trunk=(24, 0, 0),
         head=(-10, 0, 0),
@@ -225,16 +225,17 @@ POSES: dict[str, Pose] = {
 }
 
 
-def varied(pose: Pose, generator: np.random.Generator, clearance: float) -> Pose:
+def varied(pose: Pose, generator: np.random.Generator, arm_room: float, leg_room: float) -> Pose:
     """`pose` as one person takes it: directions and angles moved a little.
 
     Args:
-        clearance: 0 as drawn; more takes arms and legs further away from the trunk and from each
-            other, for a body that is wider than the pose expects.
+        arm_room: 0 as drawn; more takes the arms further from the trunk, for a body that is
+            wider than the pose expects.
+        leg_room: the same for the legs and each other.
     """
 
     def arm(a: Arm) -> Arm:
-        room = np.array([0.16 * clearance, 0.0, 0.05 * clearance])
+        room = np.array([0.16 * arm_room, 0.0, 0.05 * arm_room])
         upper = np.array(a.upper) + generator.normal(0, 0.05, 3) + room
         fore = np.array(a.fore) + generator.normal(0, 0.06, 3) + room
         return replace(
@@ -251,7 +252,7 @@ def varied(pose: Pose, generator: np.random.Generator, clearance: float) -> Pose
         return replace(
             v,
             forward=round(v.forward + float(drawn[0]), 2),
-            outward=round(max(v.outward + float(drawn[1]), 2.0) + 3.0 * clearance, 2),
+            outward=round(max(v.outward + float(drawn[1]), 2.0) + 3.0 * leg_room, 2),
             knee=round(max(v.knee + float(drawn[2]), 1.0), 2),
             toes=round(v.toes + float(drawn[3]), 2),
         )

@@ -174,31 +174,56 @@ def cut(matrix: sparse.csr_matrix, faces: np.ndarray, uv: np.ndarray, field: np.
     return Pattern(full[used], compacted.reshape(-1, 3), all_uv)
 
 
-def hemmed(piece: Piece, thickness: float, rings: int) -> Piece:
-    """The piece with its borders turned in: a second layer inside, `rings` triangles deep.
+def hemmed(piece: Piece, thickness: float, rings: int, reach: float) -> Piece:
+    """The piece with its borders turned in, so that an opening shows cloth and not the void.
 
     Args:
-        thickness: metres between the two layers.
+        thickness: metres between the outer layer and the inner one.
+        rings: how many triangles deep the inner layer goes.
+        reach: metres that it goes on from there towards the limb.
     """
-    faces, n = piece.faces, len(piece.vertices)
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    corner_uv = np.concatenate([piece.uv[:, [0, 1]], piece.uv[:, [1, 2]], piece.uv[:, [2, 0]]])
-    code = edges[:, 0].astype(np.int64) * n + edges[:, 1]
-    border = ~np.isin(edges[:, 1].astype(np.int64) * n + edges[:, 0], code)
-    (a, b), (ua, ub) = edges[border].T, corner_uv[border].transpose(1, 0, 2)
+    n = len(piece.vertices)
+    outward = normals(piece.vertices, piece.faces)
     near = np.zeros(n, dtype=bool)
-    near[a] = True
+    near[_border(piece.faces, piece.uv)[0].ravel()] = True
     for _ in range(rings):
-        strip = near[faces].any(axis=1)
-        near[faces[strip]] = True
-    inner, turned = np.unique(faces[strip][:, ::-1], return_inverse=True)
+        strip = near[piece.faces].any(axis=1)
+        near[piece.faces[strip]] = True
+    inner, turned = np.unique(piece.faces[strip][:, ::-1], return_inverse=True)
     below = np.full(n, -1)
     below[inner] = n + np.arange(len(inner))
-    inside = piece.vertices[inner] - thickness * normals(piece.vertices, faces)[inner]
-    band = [np.stack([b, a, below[a]], axis=1), np.stack([b, below[a], below[b]], axis=1)]
-    band_uv = [np.stack([ub, ua, ua], axis=1), np.stack([ub, ua, ub], axis=1)]
+    inside = piece.vertices[inner] - thickness * outward[inner]
+    lip, lip_uv = _band(*_border(piece.faces, piece.uv), below)
+    vertices = np.concatenate([piece.vertices, inside])
+    faces = np.concatenate([piece.faces, n + turned.reshape(-1, 3), lip])
+    uv = np.concatenate([piece.uv, piece.uv[strip][:, ::-1], lip_uv])
+
+    rim, rim_uv = _border(faces, uv)
+    end = np.unique(rim)
+    beyond = np.full(len(vertices), -1)
+    beyond[end] = len(vertices) + np.arange(len(end))
+    flange, flange_uv = _band(rim, rim_uv, beyond)
     return Piece(
-        np.concatenate([piece.vertices, inside]),
-        np.concatenate([faces, n + turned.reshape(-1, 3), *band]),
-        np.concatenate([piece.uv, piece.uv[strip][:, ::-1], *band_uv]),
+        np.concatenate([vertices, vertices[end] - reach * outward[inner[end - n]]]),
+        np.concatenate([faces, flange]),
+        np.concatenate([uv, flange_uv]),
     )
+
+
+def _border(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Directed edges (E, 2) of one face only, and their chart coordinates (E, 2, 2)."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    corner_uv = np.concatenate([uv[:, [0, 1]], uv[:, [1, 2]], uv[:, [2, 0]]])
+    size = int(faces.max()) + 1
+    code = edges[:, 0].astype(np.int64) * size + edges[:, 1]
+    border = ~np.isin(edges[:, 1].astype(np.int64) * size + edges[:, 0], code)
+    return edges[border], corner_uv[border]
+
+
+def _band(edges: np.ndarray, uv: np.ndarray, partner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles from border `edges` to the `partner` of each of their vertices."""
+    (a, b), (ua, ub) = edges.T, uv.transpose(1, 0, 2)
+    first = np.stack([b, a, partner[a]], axis=1)
+    second = np.stack([b, partner[a], partner[b]], axis=1)
+    first_uv, second_uv = np.stack([ub, ua, ua], axis=1), np.stack([ub, ua, ub], axis=1)
+    return np.concatenate([first, second]), np.concatenate([first_uv, second_uv])
