@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from render.camera import Camera
-from render.cycles import BEAUTY, TRUTH, CyclesConfig
+from render.cycles import CyclesConfig
 from subjects.mesh import Mesh
+
+if TYPE_CHECKING:
+    from render.scene import Scene
 
 # Cycles writes 1e10 where a ray meets nothing.
 BACKGROUND_DEPTH = 1e9
@@ -58,12 +61,11 @@ class Capture:
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """The rendered maps of one view from one side, in the front camera's grid, whole frame."""
+    """Depth and normals of one view from one side, whole frames in the front camera's grid."""
 
     mask: np.ndarray
     depth: np.ndarray
     normal: np.ndarray
-    radiance: np.ndarray | None
 
 
 def capture(
@@ -74,7 +76,6 @@ def capture(
     light_position: tuple[float, float, float],
     cycles: CyclesConfig,
     threads: int,
-    on_view: Callable[[], None] = lambda: None,
 ) -> Capture:
     """Render a subject from the front and the back at every yaw. Needs `bpy`.
 
@@ -84,12 +85,11 @@ def capture(
         yaw: (V,) radians.
         light_position: of the point light, metres in the frame of the camera that sees it.
         threads: CPU threads Cycles may use.
-        on_view: called after each finished view.
 
     Raises:
         CaptureError: front and back disagree about the silhouette.
     """
-    from render.scene import Scene, reset
+    from render.scene import Scene, Surface, reset
 
     reset()
     views, grid = len(yaw), (camera.rows, camera.columns)
@@ -109,38 +109,32 @@ def capture(
     masks = np.zeros((views, *grid), dtype=bool)
     dropped = np.zeros(views, dtype=np.int64)
 
-    surface_scene = Scene(
-        "surface", surface, camera, cycles, light_position=light_position, threads=threads
-    )
-    body_scene = body and Scene("body", body, camera, cycles, light_position=None, threads=threads)
+    shown = Surface(surface, textured=True)
+    truth = Scene("truth", shown, camera, cycles, light_position=None, threads=threads)
+    beauty = Scene("beauty", shown, camera, cycles, light_position=light_position, threads=threads)
+    bare = None
+    if body is not None:
+        skin = Surface(body, textured=False)
+        bare = Scene("body", skin, camera, cycles, light_position=None, threads=threads)
     with tempfile.TemporaryDirectory(prefix="rectoverso-") as name:
         folder = Path(name)
         for i, angle in enumerate(yaw):
-            sides = {
-                back: _render_side(surface_scene, surface, camera, angle, back, folder)
-                for back in (False, True)
-            }
-            mask, dropped[i] = _silhouette(sides[False].mask, sides[True].mask, angle)
+            front, back = (_truth(truth, angle, side, folder) for side in (False, True))
+            mask, dropped[i] = _silhouette(front.mask, back.mask, angle)
             masks[i] = mask
-            for side, where in ((sides[False], "front"), (sides[True], "back")):
-                assert side.radiance is not None
+            for side, where in ((front, "front"), (back, "back")):
+                radiance = _radiance(beauty, angle, side is back, folder)
                 maps[f"depth_{where}"][i][mask] = side.depth[mask]
                 maps[f"normal_{where}"][i][mask] = side.normal[mask]
-                maps[f"radiance_{where}"][i][mask] = side.radiance[mask]
+                maps[f"radiance_{where}"][i][mask] = radiance[mask]
             _order(maps["depth_front"][i], maps["depth_back"][i], angle)
-            if body_scene and body:
-                front, back = (
-                    _render_side(body_scene, body, camera, angle, back, folder)
-                    for back in (False, True)
-                )
+            if bare is not None:
+                front, back = (_truth(bare, angle, side, folder) for side in (False, True))
                 both = front.mask & back.mask
                 maps["body_depth_front"][i][both] = front.depth[both]
                 maps["body_depth_back"][i][both] = back.depth[both]
                 _order(maps["body_depth_front"][i], maps["body_depth_back"][i], angle)
-            on_view()
-    surface_scene.close()
-    if body_scene:
-        body_scene.close()
+    reset()  # gives the memory back
     return Capture(
         camera=camera,
         yaw=np.asarray(yaw, dtype=np.float64),
@@ -151,33 +145,43 @@ def capture(
     )
 
 
-def _render_side(scene, mesh: Mesh, camera: Camera, yaw: float, back: bool, folder: Path) -> Side:
-    """Render one side; the back image is mirrored left-right into the front camera's grid."""
-    rows, columns = camera.rectangle(mesh.vertices, yaw)
+def _truth(scene: Scene, yaw: float, back: bool, folder: Path) -> Side:
+    """Depth and normals from one side."""
+    camera = scene.camera
+    channels = _shoot(scene, yaw, back, folder)
+    z = channels["Depth.Z"]
+    mask = (z > 0) & (z < BACKGROUND_DEPTH)
+    # The back camera stands as far behind the axis as the front one before it.
+    depth = (2 * camera.distance - z.astype(np.float64)).astype(np.float32) if back else z
+    normal = np.stack([channels[f"Normal.{axis}"] for axis in "XYZ"], axis=-1)
+    # Row vectors times the camera's rotation: world to the front camera's frame.
+    normal = _unit_towards(normal @ camera.to_world(yaw)[:3, :3], -1.0 if back else 1.0)
+    return Side(mask=mask, depth=depth, normal=normal)
+
+
+def _radiance(scene: Scene, yaw: float, back: bool, folder: Path) -> np.ndarray:
+    """(H, W, 3) linear light per watt from one side: the subject's own colour, edges included."""
+    channels = _shoot(scene, yaw, back, folder)
+    color = np.stack([channels[f"Combined.{c}"] for c in "RGB"], axis=-1)
+    # Not the blend of the edge with an empty background.
+    return color / np.maximum(channels["Combined.A"], 1e-6)[..., None]
+
+
+def _shoot(scene: Scene, yaw: float, back: bool, folder: Path) -> dict[str, np.ndarray]:
+    """Render one side; its channels in the front camera's grid, whole frame, 0 where not rendered.
+
+    The back camera's image is mirrored left-right: both cameras look along the same lines.
+    """
+    camera = scene.camera
+    rows, columns = camera.rectangle(scene.surface.points, yaw)
     seen = columns
     if back:
         seen = slice(camera.columns - columns.stop, camera.columns - columns.start)
-    channels = scene.render(yaw, back, (rows, seen), folder)
-
-    def whole(image: np.ndarray) -> np.ndarray:
-        frame = np.zeros((camera.rows, camera.columns, *image.shape[2:]), dtype=np.float32)
-        frame[rows, columns] = image[:, ::-1] if back else image
-        return frame
-
-    z = channels[f"{TRUTH}.Depth.Z"]
-    hit = z < BACKGROUND_DEPTH
-    # The back camera stands as far behind the axis as the front one before it.
-    depth = (2 * camera.distance - z.astype(np.float64)).astype(np.float32) if back else z
-    normal = np.stack([channels[f"{TRUTH}.Normal.{axis}"] for axis in "XYZ"], axis=-1)
-    # Row vectors times the camera's rotation: world to the front camera's frame.
-    normal = _unit_towards(normal @ camera.to_world(yaw)[:3, :3], -1.0 if back else 1.0)
-    radiance = None
-    if f"{BEAUTY}.Combined.A" in channels:
-        color = np.stack([channels[f"{BEAUTY}.Combined.{c}"] for c in "RGB"], axis=-1)
-        alpha = channels[f"{BEAUTY}.Combined.A"]
-        # The subject's own colour at its edge, not its blend with an empty background.
-        radiance = whole(color / np.maximum(alpha, 1e-6)[..., None])
-    return Side(mask=whole(hit) > 0, depth=whole(depth), normal=whole(normal), radiance=radiance)
+    frames = {}
+    for name, image in scene.render(yaw, back, (rows, seen), folder).items():
+        frames[name] = np.zeros((camera.rows, camera.columns), dtype=np.float32)
+        frames[name][rows, columns] = image[:, ::-1] if back else image
+    return frames
 
 
 def _unit_towards(normal: np.ndarray, sign: float) -> np.ndarray:

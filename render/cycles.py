@@ -5,13 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-BEAUTY = "beauty"
-TRUTH = "truth"
-
-# Cycles reads the middle of its pixel filter from a table of 1024 entries, which puts the ray
-# "through the centre" this many pixels too far right and up (measured on tilted planes).
-FILTER_OFFSET = 5.2e-4
-
 
 @dataclass(frozen=True)
 class CyclesConfig:
@@ -37,31 +30,54 @@ class CyclesConfig:
             raise ValueError(f"cycles.seed: {self.seed}; give 0 to 2147483647")
 
 
-def configure(scene: Any, config: CyclesConfig, *, beauty: bool, threads: int) -> None:
-    """Set up a Blender scene for rendering with `config`.
-
-    The scene gets a view layer `truth`: one sample, whose Z and Normal are those of the ray
-    through the pixel's centre (Cycles takes sample 0 there). With `beauty` it gets a second view
-    layer of that name, `config.samples` samples, colour only. A layer is written to its own
-    channels of one multilayer EXR, so one render call makes both.
+def configure_beauty(scene: Any, config: CyclesConfig, threads: int) -> None:
+    """Set up a Blender scene to render colour: `config.samples` samples, filtered over the pixel.
 
     Args:
         scene: a `bpy.types.Scene` with one view layer.
-        beauty: whether colour is wanted too.
         threads: threads of the CPU that Cycles uses.
     """
-    render, cycles = scene.render, scene.cycles
-    render.engine = "CYCLES"
-    _choose_device(cycles, config.device)
-
+    _configure(scene, config, threads)
+    cycles, layer = scene.cycles, scene.view_layers[0]
     cycles.samples = config.samples
-    cycles.use_layer_samples = "USE"
-    cycles.seed = config.seed
-    cycles.use_animated_seed = False
     cycles.use_adaptive_sampling = config.adaptive_threshold > 0
     if config.adaptive_threshold > 0:
         cycles.adaptive_threshold = config.adaptive_threshold
         cycles.adaptive_min_samples = min(4, config.samples)
+    cycles.pixel_filter_type = "BLACKMAN_HARRIS"
+    cycles.filter_width = 1.5
+    layer.use_pass_z = False
+
+
+def configure_truth(scene: Any, config: CyclesConfig, threads: int) -> None:
+    """Set up a Blender scene to render depth and normals along the ray through a pixel's centre.
+
+    Cycles takes sample 0 there, and Z from sample 0 alone; the normal is a sum over the samples,
+    so there is but one. The filter is narrow because Cycles looks its middle up in a table, which
+    puts the ray off the centre by a part of its width: 2.6 micrometres for the common filter and
+    pixels of 5 mm.
+
+    Args:
+        scene: a `bpy.types.Scene` with one view layer.
+        threads: threads of the CPU that Cycles uses.
+    """
+    _configure(scene, config, threads)
+    cycles, layer = scene.cycles, scene.view_layers[0]
+    cycles.samples = 1
+    cycles.use_adaptive_sampling = False
+    cycles.pixel_filter_type = "BLACKMAN_HARRIS"
+    cycles.filter_width = 0.01
+    layer.use_pass_combined = False
+    layer.use_pass_z = True
+    layer.use_pass_normal = True
+
+
+def _configure(scene: Any, config: CyclesConfig, threads: int) -> None:
+    render, cycles = scene.render, scene.cycles
+    render.engine = "CYCLES"
+    _choose_device(cycles, config.device)
+    cycles.seed = config.seed
+    cycles.use_animated_seed = False
     # Light that reaches the camera after one reflection: linear in the lamp's power, to the bit.
     cycles.max_bounces = 0
     cycles.sample_clamp_direct = 0
@@ -69,12 +85,10 @@ def configure(scene: Any, config: CyclesConfig, *, beauty: bool, threads: int) -
     cycles.light_sampling_threshold = 0
     cycles.use_light_tree = False
     cycles.use_denoising = False
-    cycles.pixel_filter_type = "BLACKMAN_HARRIS"
-    cycles.filter_width = 1.5
     cycles.film_exposure = 1
     cycles.use_auto_tile = False
-    # A static BVH of the whole mesh, kept between the calls of a subject.
-    cycles.debug_use_spatial_splits = False
+    # Cycles keeps the mesh and its BVH from one render call to the next, but only while the scene
+    # has a single view layer; a second one makes it load everything again in every call.
     render.use_persistent_data = True
 
     render.film_transparent = True
@@ -82,7 +96,6 @@ def configure(scene: Any, config: CyclesConfig, *, beauty: bool, threads: int) -
     render.use_compositing = False
     render.use_sequencer = False
     render.use_simplify = False
-    render.use_single_layer = False
     render.resolution_percentage = 100
     render.threads_mode = "FIXED"
     render.threads = threads
@@ -101,19 +114,6 @@ def configure(scene: Any, config: CyclesConfig, *, beauty: bool, threads: int) -
     scene.view_settings.look = "None"
     scene.view_settings.exposure = 0
     scene.view_settings.gamma = 1
-
-    truth = scene.view_layers[0]
-    truth.name = TRUTH
-    truth.samples = 1
-    truth.use_pass_combined = False
-    truth.use_pass_z = True
-    truth.use_pass_normal = True
-    if beauty:
-        layer = scene.view_layers.new(BEAUTY)
-        layer.samples = 0  # the scene's
-        layer.use_pass_combined = True
-        layer.use_pass_z = False
-        layer.use_pass_normal = False
 
 
 def _choose_device(cycles: Any, device: str) -> None:

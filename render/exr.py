@@ -8,14 +8,17 @@ import numpy as np
 import OpenEXR
 
 
-def read_layers(path: Path) -> dict[str, np.ndarray]:
-    """Every channel of a multilayer EXR as (h, w) float32, by its name (`layer.pass.channel`).
+def read_channels(path: Path) -> dict[str, np.ndarray]:
+    """Every channel of a multilayer EXR of one layer: `pass.channel` to (h, w) float32.
 
     Raises:
         OSError: the file is missing or no EXR.
     """
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
-            return {name: np.array(c.pixels) for name, c in file.channels().items()}
+            return {
+                name.split(".", 1)[1]: np.array(channel.pixels)
+                for name, channel in file.channels().items()
+            }
     except RuntimeError as error:
         raise OSError(f"{path}: cannot be read as EXR ({error})") from error

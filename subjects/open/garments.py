@@ -269,10 +269,14 @@ def fold_field(
     return height * np.tanh(result)
 
 
-def finished(piece: Piece, place: np.ndarray) -> tuple[Piece, Solid]:
-    """The garment with turned-in hems, and its outside as a solid for the next layer."""
+def finished(piece: Piece, place: np.ndarray, limb: np.ndarray) -> tuple[Piece, Solid]:
+    """The garment with turned-in hems, and its outside as a solid for the next layer.
+
+    Args:
+        limb: (N,) bool, sleeves and trouser legs: their openings are closed towards the limb.
+    """
     outside = Solid(piece.vertices, surface.normals(piece.vertices, piece.faces), place)
-    return surface.hemmed(piece, 0.003, rings=6, reach=0.05), outside
+    return surface.hemmed(piece, 0.003, rings=6, reach=np.where(limb, 0.05, 0.01)), outside
 
 
 def ramp(value: np.ndarray, start: float, end: float) -> np.ndarray:
@@ -290,7 +294,7 @@ def trousers(
     place = cloth.matrix @ template().vertices
     gap = 0.005 + outfit.leg_ease * ramp(place[:, 1], 0.05, -0.62)
     folds = fold_field(generator, place, 70, 0.005) * ramp(place[:, 1], outfit.waist, 0.03)
-    return finished(laid_over(cloth, posed, gap, body, folds), place)
+    return finished(laid_over(cloth, posed, gap, body, folds), place, place[:, 1] < -0.1)
 
 
 def skirt(
@@ -308,7 +312,7 @@ def skirt(
     )
     gap = 0.005 + 0.012 * down
     piece = laid_over(cloth, posed, gap, body, 0.007 * waves * down, rounds=5, smoothing=14)
-    return finished(piece, place)
+    return finished(piece, place, np.zeros(len(place), dtype=bool))
 
 
 def top(
@@ -332,7 +336,7 @@ def top(
     # A loose top hangs straight from the chest; a tucked one follows the waist.
     steps = 8 if outfit.tucked else 24
     piece = laid_over(cloth, posed, gap, inner, folds, rounds=5, smoothing=steps)
-    return finished(piece, place)
+    return finished(piece, place, arm > 0.5)
 
 
 def shoe_last(rest: np.ndarray) -> np.ndarray:
@@ -371,4 +375,5 @@ def shoes(outfit: Outfit, last: np.ndarray, foot: Solid) -> Piece:
     vertices = surface.pushed_out(
         vertices, place, np.full(len(vertices), 0.003), foot.vertices, foot.normals, foot.place
     )
-    return surface.hemmed(Piece(vertices, cloth.faces, cloth.uv), 0.002, rings=4, reach=0.02)
+    plain = Piece(vertices, cloth.faces, cloth.uv)
+    return surface.hemmed(plain, 0.002, rings=4, reach=np.full(len(vertices), 0.02))

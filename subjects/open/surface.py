@@ -174,13 +174,13 @@ def cut(matrix: sparse.csr_matrix, faces: np.ndarray, uv: np.ndarray, field: np.
     return Pattern(full[used], compacted.reshape(-1, 3), all_uv)
 
 
-def hemmed(piece: Piece, thickness: float, rings: int, reach: float) -> Piece:
+def hemmed(piece: Piece, thickness: float, rings: int, reach: np.ndarray) -> Piece:
     """The piece with its borders turned in, so that an opening shows cloth and not the void.
 
     Args:
         thickness: metres between the outer layer and the inner one.
         rings: how many triangles deep the inner layer goes.
-        reach: metres that it goes on from there towards the limb.
+        reach: (N,) metres that it goes on from there towards the limb.
     """
     n = len(piece.vertices)
     outward = normals(piece.vertices, piece.faces)
@@ -203,8 +203,10 @@ def hemmed(piece: Piece, thickness: float, rings: int, reach: float) -> Piece:
     beyond = np.full(len(vertices), -1)
     beyond[end] = len(vertices) + np.arange(len(end))
     flange, flange_uv = _band(rim, rim_uv, beyond)
+    source = inner[end - n]
+    deep = vertices[end] - reach[source, None] * outward[source]
     return Piece(
-        np.concatenate([vertices, vertices[end] - reach * outward[inner[end - n]]]),
+        np.concatenate([vertices, deep]),
         np.concatenate([faces, flange]),
         np.concatenate([uv, flange_uv]),
     )
