@@ -23,11 +23,11 @@ from subjects.open.template import BODY, EYES, template
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from subjects.open.source import OpenHumans
-
 ATTEMPTS = 18
 """Draws of one pose, each standing a little more clear of itself, before another is tried."""
 CLEARANCE_STEP = 0.3
+DRESSED = 0.06
+"""What soles and hair may add to a bare body's height, metres."""
 MATERIAL = "material0"
 
 
@@ -49,14 +49,31 @@ class Posed:
     attempts: int
 
 
-def make_person(config: OpenHumans, subject: str, seed: int, folder: Path) -> dict[str, Any]:
-    """Write one human's files and return what parameters.json holds."""
+def make_person(
+    subject: str,
+    seed: int,
+    folder: Path,
+    *,
+    ages: tuple[float, float],
+    names: list[str],
+    max_height: float,
+    texture_size: int,
+) -> dict[str, Any]:
+    """Write one human's files and return what parameters.json holds.
+
+    Args:
+        ages: the youngest and the oldest, years.
+        names: of the poses to choose from.
+        max_height: that the posed and dressed human may reach, metres.
+        texture_size: side of the texture in pixels.
+
+    Raises:
+        MeshError: none of the poses suits the body.
+    """
     with _one_thread():
-        age, phenotype = body.draw_phenotype(
-            seeds.generator(seed, subject, "phenotype"), config.min_age, config.max_age
-        )
+        age, phenotype = body.draw_phenotype(seeds.generator(seed, subject, "phenotype"), *ages)
         rest = body.rest_body(phenotype)
-        posed = draw_pose(config, subject, seed, rest)
+        posed = draw_pose(names, max_height - DRESSED, subject, seed, rest)
     outfit = garments.draw_outfit(
         seeds.generator(seed, subject, "outfit"), posed.pose.skirt, phenotype["gender"]
     )
@@ -64,9 +81,7 @@ def make_person(config: OpenHumans, subject: str, seed: int, folder: Path) -> di
     surface_of, ground = _dressed(
         posed, outfit, look.hair_style, seeds.generator(seed, subject, "cloth")
     )
-    picture = texture.paint(
-        look, outfit, config.texture_size, seeds.generator(seed, subject, "texture")
-    )
+    picture = texture.paint(look, outfit, texture_size, seeds.generator(seed, subject, "texture"))
     bare = posed.vertices - [0.0, ground, 0.0]
     skin = triangles(template().groups[BODY].quads)
     used, skin = np.unique(skin, return_inverse=True)
@@ -113,10 +128,16 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def draw_pose(config: OpenHumans, subject: str, seed: int, rest: body.Rest) -> Posed:
-    """The first draw whose limbs stay out of each other."""
+def draw_pose(
+    names: list[str], max_height: float, subject: str, seed: int, rest: body.Rest
+) -> Posed:
+    """The first draw whose limbs stay out of each other, and which is low enough.
+
+    Raises:
+        MeshError: there is none.
+    """
     generator = seeds.generator(seed, subject, "pose")
-    names = list(config.poses or poses.POSES)
+    skin = np.unique(template().groups[BODY].quads)
     last = garments.shoe_last(rest.vertices)
     draws = 0
     for name in generator.permutation(names):
@@ -129,6 +150,8 @@ def draw_pose(config: OpenHumans, subject: str, seed: int, rest: body.Rest) -> P
             drawn = poses.varied(pose, generator, arm_room, leg_room)
             transforms = body.bone_transforms(rest, poses.rotations(drawn, rest))
             vertices = body.skin(rest.vertices, transforms)
+            if np.ptp(vertices[skin, 1]) > max_height:
+                break  # arms that reach too high do so in every variation
             depth, where = penetration.penetration(vertices)
             if depth <= penetration.ALLOWED:
                 shod = body.skin(last, transforms)
@@ -138,8 +161,8 @@ def draw_pose(config: OpenHumans, subject: str, seed: int, rest: body.Rest) -> P
             else:
                 leg_room += CLEARANCE_STEP
     raise MeshError(
-        f"{subject}: no pose of {', '.join(names)} keeps this body's limbs apart; "
-        "allow more poses in subjects.poses"
+        f"{subject}: no pose of {', '.join(names)} keeps this body's limbs apart and "
+        f"below {max_height:.2f} m; allow more in subjects.poses or a larger subjects.max_height"
     )
 
 

@@ -23,6 +23,8 @@ class OpenHumans(Source):
     """Youngest age in years."""
     max_age: float = 75.0
     """Oldest age in years."""
+    max_height: float = 2.05
+    """Metres that a posed human may reach, raised hands included; 2.05 fits the default frame."""
     texture_size: int = 1024
     """Side of the square texture in pixels, 256 to 8192."""
     poses: list[str] | None = None
@@ -41,6 +43,10 @@ class OpenHumans(Source):
         if not 256 <= self.texture_size <= 8192:
             raise ValueError(
                 f"subjects.texture_size is {self.texture_size}; give a side between 256 and 8192"
+            )
+        if not 0.5 <= self.max_height <= 3.0:
+            raise ValueError(
+                f"subjects.max_height is {self.max_height:g} m; give 0.5 to 3, such as 2.05"
             )
         unknown = sorted(set(self.poses or ()) - set(POSES))
         if unknown or self.poses == []:
@@ -64,9 +70,18 @@ class OpenHumans(Source):
         if not re.fullmatch(r"open_\d{4,}", subject):
             raise ValueError(f"{subject} is no open human; ids look like open_0000")
         from subjects.open.person import make_person
+        from subjects.open.poses import POSES
 
         folder.mkdir(parents=True, exist_ok=True)
-        parameters = make_person(self, subject, seed, folder)
+        parameters = make_person(
+            subject,
+            seed,
+            folder,
+            ages=(self.min_age, self.max_age),
+            names=list(self.poses or POSES),
+            max_height=self.max_height,
+            texture_size=self.texture_size,
+        )
         (folder / "parameters.json").write_text(
             json.dumps(parameters, indent=1, sort_keys=True) + "\n", encoding="utf-8"
         )

@@ -194,10 +194,23 @@ def test_every_pose_can_be_taken_within_the_bound(rest: Any) -> None:
 
     assert len(POSES) >= 12
     for name in POSES:
-        posed = draw_pose(OpenHumans(poses=[name]), "open_0002", SEED, rest)
+        posed = draw_pose([name], 3.0, "open_0002", SEED, rest)
         depth, _ = penetration(posed.vertices)
         assert posed.name == name
         assert depth == posed.depth <= ALLOWED
+
+
+def test_a_pose_that_reaches_too_high_gives_way_to_another(rest: Any) -> None:
+    from subjects.mesh import MeshError
+    from subjects.open.person import draw_pose
+
+    standing = np.ptp(draw_pose(["stand"], 3.0, "open_0002", SEED, rest).vertices[:13000, 1])
+    limit = standing + 0.1
+    for subject in ("open_0000", "open_0001", "open_0002", "open_0003"):
+        chosen = draw_pose(["arms_overhead", "stand"], limit, subject, SEED, rest)
+        assert chosen.name == "stand"
+    with pytest.raises(MeshError, match=r"subjects\.max_height"):
+        draw_pose(["arms_overhead"], limit, "open_0002", SEED, rest)
 
 
 def test_a_limb_through_the_body_is_measured(rest: Any) -> None:
@@ -260,7 +273,7 @@ def test_garments_cover_the_skin_under_them(rest: Any, pose: str) -> None:
     from subjects.open.subdivision import refine, triangles
     from subjects.open.template import BODY, template
 
-    posed = draw_pose(OpenHumans(poses=[pose]), "open_0002", SEED, rest)
+    posed = draw_pose([pose], 3.0, "open_0002", SEED, rest)
     outfit = garments.draw_outfit(seeds.generator(SEED, "x", "outfit"), False, 0.9)
     skin = refine(template().groups[BODY].quads, chart(BODY), len(template().vertices), 1)
     vertices, faces = skin.matrix @ posed.vertices, triangles(skin.quads)
