@@ -211,13 +211,13 @@ def test_a_surface_that_one_side_alone_sees_is_refused():
         _silhouette(front, ~front, 0.0)
 
 
-def test_two_runs_give_the_same_bytes_with_one_thread_and_with_two(in_worker):
+def test_the_number_of_threads_does_not_show_in_the_bytes(in_worker):
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.5)
     mesh = Mesh(ball.vertices + CENTER, ball.faces)
     camera = place_camera(CameraConfig(), mesh.vertices)
-    one, two = (
+    few, many = (
         in_worker(capture, mesh, mesh, camera, np.radians([5.0]), LIGHT, CYCLES, threads)
-        for threads in (1, 2)
+        for threads in (2, 5)
     )
     for name in ("mask", "depth_front", "normal_back", "radiance_front", "body_depth_back"):
-        assert getattr(one, name).tobytes() == getattr(two, name).tobytes(), name
+        assert getattr(few, name).tobytes() == getattr(many, name).tobytes(), name
