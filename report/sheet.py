@@ -21,7 +21,7 @@ COLUMNS = {
     "depth_back": "depth back",
     "normal_front": "normals front",
     "normal_back": "normals back",
-    "depth_sensor": "sensor depth",
+    "depth_sensor": "sensor depth, shaded",
     "body_depth_back": "body, back",
 }
 PAPER = 250
@@ -35,16 +35,19 @@ def sheet(folder: Path, subjects: list[str], view: int) -> Image.Image:
         ValueError: the dataset has no such subject or view.
     """
     dataset = Dataset(folder)
-    rows = []
+    rows, pixels = [], []
     for subject in subjects or dataset.subjects():
         shard = dataset.shard(subject)
         if not 0 <= view < len(shard):
             raise ValueError(f"{subject} has views 0 to {len(shard) - 1}, not {view}; set --view")
         rows.append(shard.view(view))
+        pixels.append(shard.meta["camera"]["pixel_size"])
     top, bottom, left, right = _common_box([row["mask"] for row in rows])
     cells = [
-        np.concatenate([_picture(row, name)[top:bottom, left:right] for name in COLUMNS], axis=1)
-        for row in rows
+        np.concatenate(
+            [_picture(row, name, pixel)[top:bottom, left:right] for name in COLUMNS], axis=1
+        )
+        for row, pixel in zip(rows, pixels, strict=True)
     ]
     return _titled(np.concatenate(cells, axis=0), right - left)
 
@@ -61,7 +64,7 @@ def _common_box(masks: list[np.ndarray]) -> tuple[int, int, int, int]:
     )
 
 
-def _picture(view: dict[str, np.ndarray], name: str) -> np.ndarray:
+def _picture(view: dict[str, np.ndarray], name: str, pixel_size: float) -> np.ndarray:
     """(H, W, 3) uint8 of one map, paper where there is no surface."""
     array = view[name]
     if name.startswith("normal"):
@@ -69,6 +72,9 @@ def _picture(view: dict[str, np.ndarray], name: str) -> np.ndarray:
         shown = array.astype(np.float32) * [1, 1, -1 if name.endswith("back") else 1]
         image = np.rint((shown + 1) * 127.5)
         inside = view["mask"]
+    elif name == "depth_sensor":
+        inside = array > 0
+        image = np.repeat(_relief(array, inside, pixel_size)[..., None], 3, axis=-1)
     elif "depth" in name:
         inside = array > 0
         near, far = _depth_range(view)
@@ -79,6 +85,14 @@ def _picture(view: dict[str, np.ndarray], name: str) -> np.ndarray:
     else:
         image, inside = array, view["mask"]
     return np.where(inside[..., None], image, PAPER).astype(np.uint8)
+
+
+def _relief(depth: np.ndarray, inside: np.ndarray, pixel_size: float) -> np.ndarray:
+    """(H, W) grey of a depth map lit from the upper left: noise of a millimetre shows."""
+    down, right = np.gradient(np.where(inside, depth, np.nan), pixel_size)
+    # The surface's normal is (dz/dx, dz/dy, 1) of the depth, y upwards; the light is (-1, 1, 2).
+    lit = (-right - down + 2) / np.sqrt(6 * (right**2 + down**2 + 1))
+    return 235 * np.clip(np.nan_to_num(lit, nan=0.0), 0, 1)
 
 
 def _depth_range(view: dict[str, np.ndarray]) -> tuple[float, float]:
