@@ -11,7 +11,7 @@ from typing import Any
 
 from engine.config import BuildConfig
 from engine.progress import Progress
-from engine.tasks import ShardResult, ShardTask, SubjectTask, make_shard, make_subject
+from engine.tasks import ShardResult, Task, make_shard, make_subject
 from engine.workers import cpu_count, run
 from shards.dataset import DatasetWriter
 
@@ -38,20 +38,13 @@ def build(config: BuildConfig, record: dict[str, Any], output: Path, jobs: int |
     if finished:
         print(f"{len(finished)} of {len(planned)} shards stand already", file=sys.stderr)
     dataset = output.resolve()
-
-    made, failed = _stage(
-        "subjects",
-        make_subject,
-        [SubjectTask(subject, dataset, config) for subject in missing],
-        jobs,
-        writer,
-    )
-    views = config.views.count if config.views.yaw_deg is None else len(config.views.yaw_deg)
-    ready = [
-        ShardTask(task.subject, dataset, writer.shard_path(task.subject).resolve(), config, 1)
-        for task in made
+    tasks = [
+        Task(subject, dataset, writer.shard_path(subject).resolve(), config, threads=1)
+        for subject in missing
     ]
-    rendered, broken = _stage("render", make_shard, ready, jobs, writer, views)
+    made, failed = _stage("subjects", make_subject, tasks, jobs, writer)
+    views = config.views.total
+    rendered, broken = _stage("render", make_shard, made, jobs, writer, views)
     writer.finish()
 
     elapsed = time.monotonic() - start
@@ -67,12 +60,12 @@ def build(config: BuildConfig, record: dict[str, Any], output: Path, jobs: int |
 
 def _stage(
     name: str,
-    function: Callable[[Any], Any],
-    tasks: list[Any],
+    function: Callable[[Task], ShardResult | None],
+    tasks: list[Task],
     jobs: int | None,
     writer: DatasetWriter,
     views: int = 0,
-) -> tuple[list[Any], int]:
+) -> tuple[list[Task], int]:
     """Run one stage over its tasks; returns those that worked, in order, and a count of failures.
 
     Every stage has worker processes of its own, so torch and Blender never share one.
@@ -81,8 +74,7 @@ def _stage(
         return [], 0
     workers = min(jobs or cpu_count(), len(tasks))
     threads = max(1, cpu_count() // workers)
-    if views:
-        tasks = [replace(task, threads=threads) for task in tasks]
+    tasks = [replace(task, threads=threads) for task in tasks]
     progress = Progress(name, len(tasks), views)
     done, failures = set(), 0
     try:

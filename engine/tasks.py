@@ -23,30 +23,23 @@ from subjects.subject import Subject
 RECORD = "subject.json"
 
 
-@dataclass(frozen=True)
-class SubjectTask:
-    """Make or find one subject's surface."""
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One subject on its way to a shard.
 
-    subject: str
-    dataset: Path
-    config: BuildConfig
-
-    def __hash__(self) -> int:
-        return hash(self.subject)
-
-
-@dataclass(frozen=True)
-class ShardTask:
-    """Render one subject and write its shard."""
+    Attributes:
+        subject: its id.
+        dataset: the dataset's folder, absolute.
+        shard: the file to make.
+        config: of the whole build.
+        threads: threads of the CPU that the task may use.
+    """
 
     subject: str
     dataset: Path
     shard: Path
     config: BuildConfig
     threads: int
-
-    def __hash__(self) -> int:
-        return hash(self.subject)
 
 
 @dataclass(frozen=True)
@@ -65,7 +58,7 @@ def subject_folder(dataset: Path, subject: str) -> Path:
     return dataset / "subjects" / subject
 
 
-def make_subject(task: SubjectTask) -> None:
+def make_subject(task: Task) -> None:
     """Make the subject's files and, last of all, the record that says they are whole."""
     folder = subject_folder(task.dataset, task.subject)
     if _is_whole(folder):
@@ -93,7 +86,7 @@ def _is_whole(folder: Path) -> bool:
         return False
 
 
-def make_shard(task: ShardTask) -> ShardResult:
+def make_shard(task: Task) -> ShardResult:
     """Render, sense, write: from a subject's record to its shard on disk."""
     from render.camera import place_camera
     from render.capture import capture

@@ -30,6 +30,11 @@ class ViewsConfig:
                 f"views.yaw_deg: {self.yaw_deg}; list yaws between -360 and 360, such as [0, 15]"
             )
 
+    @property
+    def total(self) -> int:
+        """How many views each subject has."""
+        return self.count if self.yaw_deg is None else len(self.yaw_deg)
+
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """(V,) float32 degrees."""
         if self.yaw_deg is not None:
