@@ -4,7 +4,7 @@ PYTHON ?= python3.11
 BIN := .venv/bin
 READY := .venv/ready
 
-.PHONY: demo test lint smoke clean
+.PHONY: demo picture test lint smoke clean
 
 demo: $(READY)
 	$(BIN)/python pipeline.py build --config configs/open.yaml --subjects.count 4 --output out/demo
@@ -20,13 +20,20 @@ lint: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# The picture in the README, from the demo's dataset.
+picture: demo
+	$(BIN)/python -m report.sheet out/demo --subjects open_0000 open_0003 --output docs/demo.png
+
+# From nothing: what stands from an earlier checkout proves nothing about this one.
 smoke: $(READY)
+	rm -rf out/smoke
 	$(BIN)/python pipeline.py build --config configs/smoke.yaml --output out/smoke
 	$(BIN)/python pipeline.py verify out/smoke
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[render,humans,dev]'
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --disable-pip-version-check \
+		-e '.[render,humans,dev]'
 	touch $@
 
 clean:

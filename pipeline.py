@@ -9,7 +9,10 @@ import argparse
 import difflib
 import os
 import re
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
@@ -21,11 +24,15 @@ from jsonargparse.typing import PositiveInt
 DONE, FAILURES, WRONG, INTERRUPTED = 0, 1, 2, 130
 
 
+class WrongCallError(Exception):
+    """The call, its configuration or a folder that it names is wrong; the message is one line."""
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run one sub-command; returns the exit status.
 
     0: all done. 1: finished, with failures that were listed. 2: the call or the configuration
-    was wrong.
+    was wrong. 130: interrupted.
     """
     commands = {"build": (_add_build, _build), "verify": (_add_verify, _verify)}
     given = sys.argv[1:] if arguments is None else arguments
@@ -41,15 +48,26 @@ def main(arguments: list[str] | None = None) -> int:
         if name in given[:1]:
             add(children[name])
         choices.add_subcommand(name, children[name], help=summary)
+    # A polite end (kill, a batch system's time limit) is Ctrl-C by another name.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         parsed = parser.parse_args(given)
         return commands[parsed.command][1](parser, parsed)
-    except (argparse.ArgumentError, ValueError, OSError) as error:
+    except (argparse.ArgumentError, WrongCallError) as error:
         sys.stderr.write(f"error: {_explain(error, children, given)}\n")
         return WRONG
     except KeyboardInterrupt:
         sys.stderr.write("interrupted; run the same command again to go on\n")
         return INTERRUPTED
+
+
+@contextmanager
+def _users_errors() -> Iterator[None]:
+    """Where a ValueError or OSError speaks of what the user gave, not of a fault of ours."""
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        raise WrongCallError(str(error)) from error
 
 
 def _explain(error: Exception, children: dict[str, ArgumentParser], given: list[str]) -> str:
@@ -59,26 +77,57 @@ def _explain(error: Exception, children: dict[str, ArgumentParser], given: list[
     if isinstance(error, argparse.ArgumentError):
         message = _cure(message, parser)
         call = " ".join(["python pipeline.py", *(given[:1] if parser else [])])
-        message += f" ({call} --help lists what is known)"
+        source = re.match(r"subjects:\s+(\w+):", message)
+        topic = f"--subjects.help {source[1]}" if source else "--help"
+        message += f" ({call} {topic} lists what is known)"
     file = _faulty_config(parser, given)
     return " ".join((f"{file}: {message}" if file else message).split())
 
 
+_TYPES = {"int": "a whole number", "float": "a number", "str": "text", "bool": "true or false"}
+
+_WORDS = {
+    "typing.Literal": "one of ",
+    "list[float]": "a list of numbers",
+    "PositiveInt": "a whole number above 0",
+}
+
+
 def _cure(message: str, parser: ArgumentParser | None) -> str:
-    """A parser's message without its class names, and with what might have been meant."""
+    """A parser's message in a user's words, and with what might have been meant."""
     message = re.sub(r'Parser key "([^"]+)":', r"\1:", message)
     message = re.sub(r"Problem with given class_path '[\w.]*?(\w+)':", r"\1:", message)
-    message = re.sub(r"<class '(?:\w+\.)*(\w+)'>", r"\1", message)
-    unknown = re.search(r"[oO]ption '([\w.]+)'", message)
-    if unknown and parser is not None:
+    union = re.search(r"^([\w.]+):.*Subtypes: \[(.*?)\]\n.*Given value: (.*)$", message, re.DOTALL)
+    if union:
+        kinds = re.sub(r"typing\.Literal\[(.*?)\]", r"\1", union[2])
+        kinds = kinds.replace("<class 'NoneType'>", "null").replace("NoneType", "null")
+        message = f"{union[1]}: expected {kinds.replace(', ', ' or ')}, got {union[3]}"
+    message = re.sub(r"Expected an? (.*?)\. Got value: (.*)", r"expected \1, got \2", message)
+    message = re.sub(r"<class '(?:\w+\.)*(\w+)'>", lambda m: _TYPES.get(m[1], m[1]), message)
+    for said, meant in _WORDS.items():
+        message = message.replace(said, meant)
+    if parser is not None:
+        message += _suggestion(message, parser)
+    return message
+
+
+def _suggestion(message: str, parser: ArgumentParser) -> str:
+    """What to write instead, where that can be told."""
+    unknown = re.search(r"[oO]ption '([\w.]+)'|unrecognized arguments: --(?:\w+\.)*(\w+)", message)
+    if unknown:
         keys = {key for action in parser._actions for key in action.dest.split(".")}
-        near = difflib.get_close_matches(unknown[1], sorted(keys), n=1)
-        message += f"; did you mean {near[0]}?" if near else ""
+        near = difflib.get_close_matches(unknown[1] or unknown[2], sorted(keys), n=1)
+        return f"; did you mean {near[0]}?" if near else ""
     if "dot import path" in message:
         from engine.config import SOURCES
 
-        message += f"; known: {', '.join(source.__name__ for source in SOURCES)}"
-    return message
+        return f"; known: {', '.join(source.__name__ for source in SOURCES)}"
+    key = message.partition(":")[0]
+    if key in {action.dest for action in parser._actions}:
+        default = parser.get_default(key)
+        if isinstance(default, (int, float, str)):
+            return f"; give for example {default}"
+    return ""
 
 
 def _faulty_config(parser: ArgumentParser | None, given: list[str]) -> str | None:
@@ -110,16 +159,17 @@ def _add_build(parser: ArgumentParser) -> None:
 
 def _build(parser: ArgumentParser, parsed: Any) -> int:
     """Build a dataset of front/back RGB-D shards, or finish one."""
-    from engine.build import build
+    from engine.build import build, open_build
     from engine.config import BuildConfig
 
     given = parsed.build.as_dict()
-    made = parser.instantiate(parsed).build
     names = [field.name for field in fields(BuildConfig)]
-    config = BuildConfig(**{name: made[name] for name in names})
     record = {name: given[name] for name in names}
-    whole = build(config, record, Path(given["output"]), given["jobs"])
-    return DONE if whole else FAILURES
+    with _users_errors():
+        made = parser.instantiate(parsed).build
+        config = BuildConfig(**{name: made[name] for name in names})
+        writer = open_build(config, record, Path(given["output"]))
+    return DONE if build(config, writer, given["jobs"]) else FAILURES
 
 
 def _add_verify(parser: ArgumentParser) -> None:
@@ -133,7 +183,8 @@ def _verify(parser: ArgumentParser, parsed: Any) -> int:
     from shards.verify import verify
 
     folder = Path(parsed.verify.data)
-    progress = Progress("verify", len(Dataset(folder)))
+    with _users_errors():
+        progress = Progress("verify", len(Dataset(folder)))
     report = verify(folder, progress.step)
     progress.close()
     print(report.table())

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+
+MODEL = "normalgan"
+"""The model's name in a shard: axial Gaussian noise of distance and angle, as NormalGAN's."""
 
 
 @dataclass(frozen=True)
 class SensorConfig:
-    """Which sensor looks at the front, and how noisy it is."""
+    """How noisy the depth sensor is that looks at the front."""
 
-    model: Literal["normalgan"] = "normalgan"
-    """`normalgan`: axial Gaussian noise of distance and angle, as NormalGAN perturbs depth."""
     noise: float = 1.0
     """Factor on the published standard deviation; 0 gives the true depth."""
 

@@ -4,56 +4,66 @@ from __future__ import annotations
 
 import sys
 import time
+import traceback
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from engine.config import BuildConfig
 from engine.progress import Progress
-from engine.tasks import ShardResult, Task, make_shard, make_subject
-from engine.workers import cpu_count, run
+from engine.tasks import ShardResult, Task, make_shard, make_subject, versions
+from engine.workers import WorkerDiedError, cpu_count, run
+from render.camera import FrameError
+from render.capture import CaptureError
 from shards.dataset import DatasetWriter
+from subjects.mesh import MeshError
 
 
-def build(config: BuildConfig, record: dict[str, Any], output: Path, jobs: int | None) -> bool:
-    """Build the dataset at `output`, or what is missing of it.
+def open_build(config: BuildConfig, record: dict[str, Any], output: Path) -> DatasetWriter:
+    """The dataset that a build fills, or goes on to fill.
 
     Args:
         record: the configuration as plain JSON values, for the dataset to keep.
-        jobs: worker processes; None takes one for each processor.
-
-    Returns:
-        Whether every subject has its shard.
 
     Raises:
-        ValueError: the source has no subjects, or `output` holds something else.
+        ValueError: the source has no subjects, or `output` holds or disturbs something else.
+        OSError: `output` cannot be written.
+    """
+    config.subjects.refuse_output(output)
+    return DatasetWriter(output, record, config.subjects.ids(), config.seed, versions(config))
+
+
+def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
+    """Make the shards that a dataset lacks; returns whether it has them all then.
+
+    Args:
+        jobs: worker processes; None takes one for each processor.
     """
     start = time.monotonic()
-    config.subjects.refuse_output(output)
-    planned = config.subjects.ids()
-    writer = DatasetWriter(output, record, planned, config.seed)
-    finished = set(writer.finished)
-    missing = [subject for subject in planned if subject not in finished]
-    if finished:
-        print(f"{len(finished)} of {len(planned)} shards stand already", file=sys.stderr)
-    dataset = output.resolve()
+    missing = [subject for subject in writer.planned if subject not in writer.finished]
+    if len(missing) < len(writer.planned):
+        stand = len(writer.planned) - len(missing)
+        print(f"{stand} of {len(writer.planned)} shards stand already", file=sys.stderr)
+    workers = max(1, min(jobs or cpu_count(), len(missing)))
+    threads = max(1, cpu_count() // workers)
+    dataset = writer.folder.resolve()
     tasks = [
-        Task(subject, dataset, writer.shard_path(subject).resolve(), config, threads=1)
+        Task(subject, dataset, writer.shard_path(subject).resolve(), config, threads)
         for subject in missing
     ]
-    made, failed = _stage("subjects", make_subject, tasks, jobs, writer)
     views = config.views.total
-    rendered, broken = _stage("render", make_shard, made, jobs, writer, views)
+    made = _stage("subjects", make_subject, tasks, workers, writer)
+    rendered = _stage("render", make_shard, made, workers, writer, views)
     writer.finish()
 
     elapsed = time.monotonic() - start
-    failures = failed + broken
+    failures = len(missing) - len(rendered)
     per_view = f", {elapsed / (len(rendered) * views):.2f} s per view" if rendered else ""
     print(
-        f"{len(planned) - failures} shards of {views} views in {output}\n"
-        f"{len(rendered)} made now in {elapsed:.0f} s{per_view}; "
-        f"{failures} set aside" + (f", see {output / 'failures.jsonl'}" if failures else "")
+        f"{len(writer.planned) - failures} shards of {views} views in {writer.folder}\n"
+        f"{len(rendered)} made now in {elapsed:.0f} s{per_view}; {failures} set aside"
+        + (f", see {writer.folder / 'failures.jsonl'}" if failures else "")
     )
     return failures == 0
 
@@ -62,46 +72,41 @@ def _stage(
     name: str,
     function: Callable[[Task], ShardResult | None],
     tasks: list[Task],
-    jobs: int | None,
+    workers: int,
     writer: DatasetWriter,
     views: int = 0,
-) -> tuple[list[Task], int]:
-    """Run one stage over its tasks; returns those that worked, in order, and a count of failures.
+) -> list[Task]:
+    """Run one stage over its tasks; returns those that worked, in order.
 
     Every stage has worker processes of its own, so torch and Blender never share one.
+
+    Args:
+        views: that a task of this stage makes, for the progress.
     """
     if not tasks:
-        return [], 0
-    workers = min(jobs or cpu_count(), len(tasks))
-    threads = max(1, cpu_count() // workers)
-    tasks = [replace(task, threads=threads) for task in tasks]
+        return []
     progress = Progress(name, len(tasks), views)
-    done, failures = set(), 0
+    done = set()
     try:
-        for task, result in run(function, tasks, workers, threads):
-            reason = _reason(result) if isinstance(result, BaseException) else None
-            if reason is not None:
-                failures += 1
+        for task, result in run(function, tasks, workers, tasks[0].threads):
+            reason = None
+            if isinstance(result, BaseException):
+                reason = _reason(result)
                 writer.fail(task.subject, name, reason)
             else:
                 done.add(task.subject)
                 if isinstance(result, ShardResult):
-                    writer.add(
-                        task.subject,
-                        result.bytes,
-                        result.sha256,
-                        result.seconds,
-                        result.licence,
-                        result.versions,
-                    )
+                    writer.add(task.subject, **asdict(result))
             progress.step(task.subject, reason)
     finally:
         progress.close()
-    return [task for task in tasks if task.subject in done], failures
+    return [task for task in tasks if task.subject in done]
 
 
 def _reason(error: BaseException) -> str:
-    """One line for the user; an error that is no message to users names its kind as well."""
+    """One line for the user; an error that is none of theirs brings its traceback along."""
     text = " ".join(str(error).split())
-    expected = isinstance(error, (ValueError, OSError, RuntimeError))
-    return text if expected and text else f"{type(error).__name__}: {text}"
+    if isinstance(error, (MeshError, FrameError, CaptureError, WorkerDiedError, OSError)):
+        return text
+    print("".join(traceback.format_exception(error)), file=sys.stderr)
+    return f"a fault of the program, please report it: {type(error).__name__}: {text}"

@@ -27,7 +27,14 @@ class Progress:
         self._done = 0
         self._start = time.monotonic()
         self._bar = (
-            tqdm(total=total, desc=what, file=self._stream, leave=False, bar_format=_BAR)
+            tqdm(
+                total=total,
+                desc=what,
+                file=self._stream,
+                leave=False,
+                bar_format=_BAR,
+                mininterval=0,
+            )
             if self._stream.isatty()
             else None
         )

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import platform
 import shutil
 import time
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import seeds
+from augment.light import expose
+from augment.sensor import MODEL, sense
 from engine.config import BuildConfig
+from render.camera import place_camera
+from render.capture import Capture, capture
 from shards.archive import write_shard
+from shards.atomic import atomic_write
 from shards.schema import SCHEMA_VERSION
 from subjects.subject import Subject
 
@@ -50,7 +55,6 @@ class ShardResult:
     sha256: str
     seconds: float
     licence: str
-    versions: dict[str, str]
 
 
 def subject_folder(dataset: Path, subject: str) -> Path:
@@ -67,9 +71,12 @@ def make_subject(task: Task) -> None:
     folder.mkdir(parents=True)
     subject = task.config.subjects.make(task.subject, task.config.seed, folder)
     record = {"sha256": subject.content_sha256(), "subject": subject.to_json(folder)}
-    temporary = folder / f".{RECORD}.tmp"
-    temporary.write_text(json.dumps(record, indent=1, sort_keys=True) + "\n")
-    temporary.replace(folder / RECORD)
+    # A record says that the files are whole: they reach the disk before it does.
+    for path in folder.iterdir():
+        with path.open("rb") as file:
+            os.fsync(file.fileno())
+    with atomic_write(folder / RECORD) as file:
+        file.write(json.dumps(record, indent=1, sort_keys=True).encode() + b"\n")
 
 
 def read_record(folder: Path) -> tuple[Subject, str]:
@@ -88,9 +95,6 @@ def _is_whole(folder: Path) -> bool:
 
 def make_shard(task: Task) -> ShardResult:
     """Render, sense, write: from a subject's record to its shard on disk."""
-    from render.camera import place_camera
-    from render.capture import capture
-
     start = time.monotonic()
     config = task.config
     folder = subject_folder(task.dataset, task.subject)
@@ -111,7 +115,6 @@ def make_shard(task: Task) -> ShardResult:
         task.threads,
     )
     members = _members(seen, yaw_deg, config, subject.id)
-    versions = _versions()
     meta = {
         "schema_version": SCHEMA_VERSION,
         "subject": subject.id,
@@ -131,21 +134,20 @@ def make_shard(task: Task) -> ShardResult:
         },
         "light": asdict(config.light),
         "cycles": asdict(config.cycles),
-        "sensor": {**asdict(config.sensor), "distance": camera.distance},
-        "views": asdict(config.views),
+        "sensor": {"model": MODEL, **asdict(config.sensor)},
         "seed": config.seed,
         "dropped_pixels": seen.dropped_pixels.tolist(),
-        "versions": versions,
+        "versions": versions(config),
     }
     written = write_shard(task.shard, members, meta, config.shards.compression)
-    return ShardResult(*written, time.monotonic() - start, subject.licence, versions)
+    return ShardResult(*written, time.monotonic() - start, subject.licence)
 
 
-def _members(seen: Any, yaw_deg: np.ndarray, config: BuildConfig, subject: str) -> dict[str, Any]:
-    from augment.light import expose
-    from augment.sensor import sense
-
-    members: dict[str, Any] = {
+def _members(
+    seen: Capture, yaw_deg: np.ndarray, config: BuildConfig, subject: str
+) -> dict[str, np.ndarray]:
+    """A shard's arrays from what the cameras saw."""
+    members = {
         "yaw_deg": yaw_deg,
         "camera_to_world": seen.camera_to_world,
         "mask": seen.mask,
@@ -181,6 +183,7 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _versions() -> dict[str, str]:
-    packages = ("bpy", "numpy", "OpenEXR", "trimesh", "rectoverso")
-    return {"python": platform.python_version(), **{p: version(p) for p in packages}}
+def versions(config: BuildConfig) -> dict[str, str]:
+    """What a shard's bytes depend on beside its configuration: package to version."""
+    packages = ("bpy", "numpy", "openexr", "rectoverso", "trimesh", *config.subjects.packages)
+    return {"python": platform.python_version(), **{name: version(name) for name in packages}}

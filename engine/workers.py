@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import signal
-from collections import Counter, deque
+import threading
+import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 from joblib.externals.loky import ProcessPoolExecutor
 
@@ -40,47 +43,56 @@ def run(
     Args:
         threads: threads that numerical libraries may use in each process.
     """
-    waiting = deque(items)
-    suspects: deque[Item] = deque()
-    deaths: Counter[Item] = Counter()
+    waiting = deque(_Attempt(item) for item in items)
+    suspects: deque[_Attempt] = deque()
     while waiting or suspects:
         alone = bool(suspects)
-        pool = _pool(1 if alone else jobs, threads)
+        source, places = (suspects, 1) if alone else (waiting, jobs)
+        pool = _pool(places, threads)
+        under_way: dict[Future, _Attempt] = {}
         try:
-            under_way: dict[Future, Item] = {}
             broken = False
             while not broken:
-                source = suspects if alone else waiting
-                while source and len(under_way) < (1 if alone else jobs):
-                    item = source.popleft()
-                    under_way[pool.submit(function, item)] = item
+                while source and len(under_way) < places:
+                    try:
+                        under_way[pool.submit(function, source[0].item)] = source[0]
+                    except BrokenProcessPool:  # a worker died since the last look
+                        broken = True
+                        break
+                    source.popleft()
                 if not under_way:
                     break
                 done, _ = wait(under_way, return_when=FIRST_COMPLETED)
                 for future in done:
-                    item = under_way.pop(future)
+                    attempt = under_way.pop(future)
                     error = future.exception()
                     if isinstance(error, BrokenProcessPool):
                         broken = True
-                        deaths[item] += 1
-                        if deaths[item] < MAX_DEATHS:
-                            suspects.append(item)
+                        attempt.deaths += 1
+                        if attempt.deaths < MAX_DEATHS:
+                            suspects.append(attempt)
                         else:
                             yield (
-                                item,
+                                attempt.item,
                                 WorkerDiedError(
                                     f"its worker process died {MAX_DEATHS} times "
                                     "(out of memory, killed, or a crash in native code)"
                                 ),
                             )
                     else:
-                        yield item, error if error is not None else future.result()
-            # What the dead pool held is as suspect as what it reported.
-            for item in under_way.values():
-                deaths[item] += 1
-                suspects.append(item)
+                        yield attempt.item, error if error is not None else future.result()
+            # What a dead pool held is as suspect as what it reported.
+            for attempt in under_way.values():
+                attempt.deaths += 1
+                suspects.append(attempt)
         finally:
             pool.shutdown(wait=True, kill_workers=True)
+
+
+@dataclass
+class _Attempt(Generic[Item]):
+    item: Item
+    deaths: int = 0
 
 
 def _pool(jobs: int, threads: int) -> ProcessPoolExecutor:
@@ -94,9 +106,17 @@ def _pool(jobs: int, threads: int) -> ProcessPoolExecutor:
 
 
 def _start() -> None:
-    """Keep a worker quiet: its output goes nowhere, and Ctrl-C is its parent's to handle."""
+    """Keep a worker quiet and its parent's: no output, no Ctrl-C of its own, no life alone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for descriptor in (1, 2):  # Blender writes to descriptor 1 from C
         os.dup2(nowhere, descriptor)
     os.close(nowhere)
+    threading.Thread(target=_die_with, args=(os.getppid(),), daemon=True).start()
+
+
+def _die_with(parent: int) -> None:
+    """End this process when its parent is gone, however that went."""
+    while os.getppid() == parent:
+        time.sleep(0.2)
+    os._exit(1)

@@ -30,14 +30,15 @@ class CyclesConfig:
             raise ValueError(f"cycles.seed: {self.seed}; give 0 to 2147483647")
 
 
-def configure_beauty(scene: Any, config: CyclesConfig, threads: int) -> None:
+def configure_beauty(scene: Any, config: CyclesConfig, preferences: Any, threads: int) -> None:
     """Set up a Blender scene to render colour: `config.samples` samples, filtered over the pixel.
 
     Args:
         scene: a `bpy.types.Scene` with one view layer.
+        preferences: `bpy.context.preferences`, which know the devices.
         threads: threads of the CPU that Cycles uses.
     """
-    _configure(scene, config, threads)
+    _configure(scene, config, preferences, threads)
     cycles, layer = scene.cycles, scene.view_layers[0]
     cycles.samples = config.samples
     cycles.use_adaptive_sampling = config.adaptive_threshold > 0
@@ -49,7 +50,7 @@ def configure_beauty(scene: Any, config: CyclesConfig, threads: int) -> None:
     layer.use_pass_z = False
 
 
-def configure_truth(scene: Any, config: CyclesConfig, threads: int) -> None:
+def configure_truth(scene: Any, config: CyclesConfig, preferences: Any, threads: int) -> None:
     """Set up a Blender scene to render depth and normals along the ray through a pixel's centre.
 
     Cycles takes sample 0 there, and Z from sample 0 alone; the normal is a sum over the samples,
@@ -59,9 +60,10 @@ def configure_truth(scene: Any, config: CyclesConfig, threads: int) -> None:
 
     Args:
         scene: a `bpy.types.Scene` with one view layer.
+        preferences: `bpy.context.preferences`, which know the devices.
         threads: threads of the CPU that Cycles uses.
     """
-    _configure(scene, config, threads)
+    _configure(scene, config, preferences, threads)
     cycles, layer = scene.cycles, scene.view_layers[0]
     cycles.samples = 1
     cycles.use_adaptive_sampling = False
@@ -72,10 +74,10 @@ def configure_truth(scene: Any, config: CyclesConfig, threads: int) -> None:
     layer.use_pass_normal = True
 
 
-def _configure(scene: Any, config: CyclesConfig, threads: int) -> None:
+def _configure(scene: Any, config: CyclesConfig, preferences: Any, threads: int) -> None:
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
-    _choose_device(cycles, config.device)
+    _choose_device(cycles, config.device, preferences)
     cycles.seed = config.seed
     cycles.use_animated_seed = False
     # Light that reaches the camera after one reflection: linear in the lamp's power, to the bit.
@@ -118,17 +120,19 @@ def _configure(scene: Any, config: CyclesConfig, threads: int) -> None:
     scene.view_settings.gamma = 1
 
 
-def _choose_device(cycles: Any, device: str) -> None:
+def _choose_device(cycles: Any, device: str, preferences: Any) -> None:
     cycles.device = "CPU" if device == "CPU" else "GPU"
     if device == "CPU":
         return
-    import bpy
-
-    preferences = bpy.context.preferences.addons["cycles"].preferences
-    preferences.compute_device_type = device
-    preferences.get_devices()
-    found = [d for d in preferences.devices if d.type == device]
+    known = preferences.addons["cycles"].preferences
+    try:
+        known.compute_device_type = device
+    except TypeError:  # this build of Blender has no such devices at all
+        found = []
+    else:
+        known.get_devices()
+        found = [d for d in known.devices if d.type == device]
     if not found:
-        raise ValueError(f"cycles.device: no {device} device here; set it to CPU")
-    for d in preferences.devices:
+        raise OSError(f"cycles.device: no {device} device here; set it to CPU")
+    for d in known.devices:
         d.use = d.type == device

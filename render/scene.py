@@ -120,7 +120,7 @@ class Scene:
         self.camera = camera
         self._scene = bpy.data.scenes.new(name)
         configure = configure_truth if light_position is None else configure_beauty
-        configure(self._scene, config, threads)
+        configure(self._scene, config, bpy.context.preferences, threads)
         self._scene.render.resolution_x = camera.columns
         self._scene.render.resolution_y = camera.rows
         self._link("surface", surface.data)

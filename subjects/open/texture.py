@@ -507,7 +507,7 @@ def _motif(seed: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return np.maximum.reduce(
             [ramp(np.abs(dy - k * 0.03), 0.009 + edge, 0.009 - edge) for k in (-1, 0, 1)]
         ) * ramp(np.abs(dx), 0.10, 0.097)
-    mountain = np.minimum(0.06 - 1.25 * np.abs(dx + 0.02), 0.06) + 0.0
+    mountain = np.minimum(0.06 - 1.25 * np.abs(dx + 0.02), 0.06)
     second = 0.03 - 1.1 * np.abs(dx - 0.045)
     hill = np.maximum(mountain, second)
     return ramp(dy - hill, edge, -edge) * (dy > -0.05) * ramp(np.abs(dx), 0.10, 0.097)
@@ -558,7 +558,6 @@ def _shoes(look: Look, outfit: Outfit, place: np.ndarray, cloud: _Clouds) -> np.
     x, y, z = place.T
     leather = np.array(look.shoes) * (1.0 + 0.03 * cloud(place, 0.006))[:, None]
     side = np.abs(x) - 0.22
-    lace = np.zeros(len(place))
     tongue = (z > 0.025) & (z < 0.10) & (np.abs(side) < 0.022) & (y > -0.79)
     lace = np.where(tongue, ramp(np.abs((z / 0.016) % 1.0 - 0.5), 0.22, 0.16), 0.0)
     colour = _mix(leather, np.array(look.soles) * 0.95, lace)

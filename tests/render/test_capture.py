@@ -211,6 +211,13 @@ def test_a_surface_that_one_side_alone_sees_is_refused():
         _silhouette(front, ~front, 0.0)
 
 
+def test_renderer_and_verify_drop_as_many_pixels_at_most():
+    from render.capture import MAX_DROPPED
+    from shards.schema import DROPPED_LIMIT
+
+    assert MAX_DROPPED == DROPPED_LIMIT
+
+
 def test_the_number_of_threads_does_not_show_in_the_bytes(in_worker):
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.5)
     mesh = Mesh(ball.vertices + CENTER, ball.faces)

@@ -1,0 +1,97 @@
+"""One geometry of a file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from trimesh.geometry import triangulate_quads
+from trimesh.scene.transforms import SceneGraph
+
+from subjects.color import linear_to_srgb
+from subjects.mesh import Material, MeshError
+
+
+@dataclass(eq=False)
+class Part:
+    """One geometry of a file, in the file's coordinates."""
+
+    vertices: np.ndarray  # (N, 3)
+    faces: np.ndarray  # (F, 3)
+    normals: np.ndarray  # (N, 3), zero where the file gives none
+    uv: np.ndarray | None  # (N, 2)
+    colors: np.ndarray | None  # (N, 3) uint8 sRGB
+    material: Material
+
+
+def placed_parts(loaded: dict[str, Any], linear: bool) -> Iterator[Part]:
+    """The triangle geometries of a file, where its scene graph puts them."""
+    geometries = loaded.get("geometry", {"": loaded})
+    if "graph" in loaded:
+        graph = SceneGraph()
+        for edge in loaded["graph"]:
+            graph.update(**edge)
+        placed = [graph[node] for node in graph.nodes_geometry]
+    else:
+        placed = [(np.eye(4), name) for name in geometries]
+    for matrix, name in placed:
+        if geometries[name].get("faces") is not None:
+            yield _part(geometries[name], matrix, linear)
+
+
+def _part(geometry: dict[str, Any], matrix: np.ndarray, linear: bool) -> Part:
+    vertices = np.asarray(geometry["vertices"], dtype=np.float64)
+    faces = triangulate_quads(geometry["faces"]).reshape(-1, 3)
+    if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
+        raise MeshError(f"a face names a vertex that is none of its {len(vertices)}; export again")
+
+    material = geometry.get("material", Material())
+    visual = geometry.get("visual")
+    uv = None if visual is None else visual.uv
+    colors = geometry.get("vertex_colors")
+    if colors is None and visual is not None:
+        colors = visual.vertex_attributes.get("color")
+    if material.texture is not None:
+        colors = None
+        if uv is None:
+            raise MeshError("has a texture but no texture coordinates for it; unwrap it again")
+    elif colors is None and geometry.get("face_colors") is not None:
+        colors = _face_colors_at_vertices(geometry["face_colors"], faces, len(vertices))
+    if colors is not None:
+        colors = _vertex_colors(colors, geometry.get("factor"), linear)
+
+    normals = geometry.get("vertex_normals")
+    if normals is None or np.shape(normals) != vertices.shape:
+        normals = np.zeros_like(vertices)
+    linear_map = matrix[:3, :3]
+    normals = np.nan_to_num(normals) @ np.linalg.inv(linear_map)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = normals / np.where(length > 0, length, 1)
+    if np.linalg.det(linear_map) < 0:  # a mirror turns faces inside out
+        faces = faces[:, ::-1]
+    vertices = vertices @ linear_map.T + matrix[:3, 3]
+    return Part(vertices, faces, normals, uv, colors, material)
+
+
+def _vertex_colors(colors: np.ndarray, factor: np.ndarray | None, linear: bool) -> np.ndarray:
+    """(N, 3) uint8 sRGB from (N, 3 or 4) of any type; `factor` (4,) uint8 applies to linear."""
+    values = np.asarray(colors)[:, :3]
+    full = 65535 if values.dtype == np.uint16 else 255
+    if values.dtype.kind == "f" and values.max(initial=0) <= 1:
+        full = 1
+    values = np.clip(np.nan_to_num(values / full), 0, 1)
+    if linear:
+        values = linear_to_srgb(values if factor is None else values * (factor[:3] / 255))
+    return np.round(values * 255).astype(np.uint8)
+
+
+def _face_colors_at_vertices(colors: np.ndarray, faces: np.ndarray, count: int) -> np.ndarray:
+    """(count, 3): at each vertex the mean colour of its faces."""
+    if len(colors) != len(faces):
+        raise MeshError("gives colours to polygons; triangulate it and export it again")
+    uses = np.maximum(np.bincount(faces.ravel(), minlength=count), 1)
+    channels = np.repeat(np.asarray(colors, dtype=np.float64)[:, :3], 3, axis=0).T
+    sums = [np.bincount(faces.ravel(), weights=channel, minlength=count) for channel in channels]
+    return np.round(np.stack(sums, axis=1) / uses[:, None]).astype(np.uint8)
