@@ -76,7 +76,6 @@ def main() -> None:
     print(f"read_mesh       {ours:6.2f} s")
     print(f"trimesh alone   {theirs:6.2f} s   ratio {ours / theirs:.2f}")
     print(f"check_winding   {seconds(lambda: check_winding(mesh)):6.2f} s")
-    print(f"vertex_normals  {seconds(mesh.vertex_normals):6.2f} s")
 
 
 if __name__ == "__main__":

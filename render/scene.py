@@ -15,6 +15,7 @@ import numpy as np
 from render.camera import Camera
 from render.cycles import CyclesConfig, configure_beauty, configure_truth
 from render.exr import read_channels
+from subjects.color import srgb_to_linear
 from subjects.mesh import Material, Mesh
 
 # Cycles keeps the name "color" to itself and renders an attribute of that name black.
@@ -49,7 +50,7 @@ class Surface:
         if mesh.vertex_colors is not None:
             colors = data.color_attributes.new(VERTEX_COLOR, "FLOAT_COLOR", "POINT")
             rgba = np.ones((len(mesh.vertices), 4), dtype=np.float32)
-            rgba[:, :3] = _linear(mesh.vertex_colors / 255)
+            rgba[:, :3] = srgb_to_linear(mesh.vertex_colors / 255)
             colors.data.foreach_set("color", rgba.ravel())
             data.materials.append(self._matte(Material(), attribute=VERTEX_COLOR))
             return
@@ -76,7 +77,7 @@ class Surface:
             color.image = self._image(material.texture)
             links.new(color.outputs["Color"], diffuse.inputs["Color"])
         else:
-            diffuse.inputs["Color"].default_value = (*_linear(material.color), 1.0)
+            diffuse.inputs["Color"].default_value = (*srgb_to_linear(material.color), 1.0)
         return data
 
     def _image(self, texture: np.ndarray) -> Any:
@@ -192,9 +193,3 @@ class Scene:
 def reset() -> None:
     """Empty Blender's memory of every surface and scene, the start-up file's included."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
-
-
-def _linear(srgb: np.ndarray | tuple[float, float, float]) -> np.ndarray:
-    """sRGB in [0, 1] to linear light (IEC 61966-2-1)."""
-    srgb = np.asarray(srgb)
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

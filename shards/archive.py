@@ -147,7 +147,8 @@ class Shard:
                 raise ValueError("it has no member 'meta'")
             if self.members[schema.META].dtype.kind != "U":
                 raise ValueError("member 'meta' is no text")
-            self.meta: dict[str, Any] = json.loads(str(_read_whole(file, schema.META)))
+            text = str(_read_whole(file, schema.META))
+            self.meta: dict[str, Any] = json.loads(text, parse_constant=_refuse_constant)
             if not isinstance(self.meta, dict):
                 raise ValueError("member 'meta' is no JSON object")
         del self.members[schema.META]
@@ -219,7 +220,7 @@ class Shard:
 
 
 _BROKEN = (
-    *(ValueError, KeyError, EOFError, OSError, NotImplementedError, OverflowError),
+    *(ValueError, KeyError, EOFError, OSError, NotImplementedError, OverflowError, RecursionError),
     *(zipfile.BadZipFile, zlib.error, struct.error),
     *(TypeError, SyntaxError, tokenize.TokenError),  # numpy parses a header as Python text
 )
@@ -236,6 +237,10 @@ def _errors_named(path: Path) -> Iterator[None]:
     except _BROKEN as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ShardError(f"{path} is no whole shard: {reason}; build it again") from None
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"member 'meta' holds {name}, which is no finite number")
 
 
 def _read_directory(file: IO[bytes]) -> dict[str, StoredMember]:

@@ -12,6 +12,7 @@ class ShardsConfig:
     """What a shard holds beyond the contract, and how it lies on disk."""
 
     compression: Compression = "stored"
-    """`stored` maps into memory; `deflate` is five times smaller, for passing a dataset on."""
+    """`stored` lets one view be read without the rest; `deflate` is about nine times smaller, for
+    passing a dataset on."""
     radiance: bool = False
     """Keep linear light per watt as well, for light sweeps (about twice the bytes)."""

@@ -6,15 +6,18 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import IO, Any, Self
 
 from shards import schema
 from shards.archive import Shard, ShardError, StoredMember
 from shards.atomic import atomic_write, is_temporary, remove_temporary_files
 from shards.card import render_card
+from shards.checksum import file_sha256
 from shards.croissant import describe
+from shards.lock import LOCK, lock_folder
 from shards.manifest import (
     DatasetError,
     Entry,
@@ -39,57 +42,75 @@ _DESCRIPTION = (
     "normals and colour, a simulated depth sensor, and the parametric body in the same grid."
 )
 _SHOWN_DIFFERENCES = 4
+_FAILURE = {"subject", "stage", "reason"}
 
 
 class DatasetWriter:
     """The dataset that a build fills: made if new, taken up again if it was interrupted.
 
-    One process writes a dataset; workers only write shards to `shard_path`. A shard counts from
-    the moment `add` returns. Whatever else lies on the disk is ignored and made again.
+    One process writes a dataset; workers only write shards to `shard_path`. The folder is locked
+    until `close`, the end of a `with` block or the process's own. A shard counts from the moment
+    `add` returns. Whatever else lies on the disk is ignored and made again, and so are shards
+    made by other versions and those whose surface is missing or was changed since.
 
     Args:
         folder: the dataset's; made if missing.
         config: JSON-ready, all that the bytes of the shards depend on.
         planned: the ids of the subjects to make.
         seed: of the split.
+        versions: what makes the shards, name -> version.
 
     Raises:
-        DatasetError: if the folder holds a dataset of another configuration, or anything else.
+        DatasetError: if the folder holds a dataset of another configuration, or anything else,
+            or another writer has it.
         schema.SchemaError: if a subject's id cannot name a file.
     """
 
     def __init__(
-        self, folder: Path | str, config: Mapping[str, Any], planned: Iterable[str], seed: int
+        self,
+        folder: Path | str,
+        config: Mapping[str, Any],
+        planned: Iterable[str],
+        seed: int,
+        versions: Mapping[str, str],
     ) -> None:
         self.folder = Path(folder)
         self.config: dict[str, Any] = json.loads(json.dumps(config, allow_nan=False))
+        self.versions = dict(versions)
         self.planned = sorted(schema.check_subject_id(subject) for subject in planned)
         for subject, count in Counter(self.planned).items():
             if count > 1:
                 raise DatasetError(f"subject {subject!r} is planned {count} times; name each once")
         self.splits = split_subjects(self.planned, seed)
         self._seed = seed
+        self._entries: dict[str, Entry] = {}
         self._failures: dict[str, dict[str, str]] = {}
-        self._claim_folder()
-        self._entries = {
-            subject: Entry(**{**asdict(entry), "split": self.splits[subject]})
-            for subject, entry in read_manifest(self.folder / MANIFEST).items()
-            if subject in self.splits and self._is_whole(entry)
-        }
-        # Every planned subject that is not finished is tried again: its failures are of the past.
-        write_json_lines(self.folder / FAILURES, ())
-        # A torn last line must go before the next line is appended to it.
-        write_manifest(self.folder / MANIFEST, self._entries)
+        self._lock = self._claim_folder()
+        try:
+            self._take_up()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let other builds have the folder."""
+        self._lock.close()
 
     @property
     def finished(self) -> frozenset[str]:
         """The subjects whose shards are whole and in the manifest."""
         return frozenset(self._entries)
-
-    @property
-    def failed(self) -> frozenset[str]:
-        """The subjects that failed since this writer was opened."""
-        return frozenset(self._failures)
 
     def shard_path(self, subject: str) -> Path:
         """Where the subject's shard belongs; its folder exists."""
@@ -102,7 +123,6 @@ class DatasetWriter:
         sha256: str,
         seconds: float,
         licence: str,
-        versions: Mapping[str, str],
     ) -> None:
         """Enter a finished shard: when this returns, the manifest on the disk has it.
 
@@ -112,7 +132,6 @@ class DatasetWriter:
             sha256: the checksum, likewise.
             seconds: what it took to make.
             licence: the subject's.
-            versions: what made it, name -> version.
         """
         entry = Entry(
             file=self._shard_file(subject),
@@ -122,7 +141,7 @@ class DatasetWriter:
             split=self.splits[subject],
             licence=licence,
             seconds=round(seconds, 3),
-            versions=dict(versions),
+            versions=self.versions,
         )
         append_json_line(self.folder / MANIFEST, asdict(entry))
         self._entries[subject] = entry
@@ -152,30 +171,53 @@ class DatasetWriter:
         return f"{SHARDS}/{subject}.npz"
 
     def _is_whole(self, entry: Entry) -> bool:
-        path = self.shard_path(entry.subject)
-        if entry.file != self._shard_file(entry.subject) or not path.is_file():
+        """Whether the shard, and the surface that it was made from, stand as they were entered."""
+        if entry.file != self._shard_file(entry.subject) or entry.versions != self.versions:
             return False
+        path = self.shard_path(entry.subject)
         try:
-            return path.stat().st_size == entry.bytes and len(Shard(path)) > 0
-        except ShardError:
+            if path.stat().st_size != entry.bytes:
+                return False
+            shard = Shard(path)
+            meta = shard.meta
+            schema.check_meta(meta, *schema.check_arrays(shard.members))
+            if meta["body"] is not None and not (self.folder / meta["body"]).is_file():
+                return False
+            return file_sha256(self.folder / meta["mesh"]) == meta["mesh_sha256"]
+        except (OSError, ShardError, schema.SchemaError):
             return False
 
-    def _claim_folder(self) -> None:
+    def _claim_folder(self) -> IO[bytes]:
+        """The folder's lock; nothing is written into a folder of other things."""
         if self.folder.exists() and not self.folder.is_dir():
             raise DatasetError(f"{self.folder} is a file; choose a folder for the dataset")
         self.folder.mkdir(parents=True, exist_ok=True)
-        if (self.folder / DOCUMENT).exists():
-            self._refuse_other_config(_read_block(self.folder))
-        elif any(not is_temporary(path) for path in self.folder.iterdir()):
+        if not (self.folder / DOCUMENT).exists() and any(
+            path.name != LOCK and not is_temporary(path) for path in self.folder.iterdir()
+        ):
             raise DatasetError(
                 f"{self.folder} is not empty and holds no {DOCUMENT}; choose a new or empty folder"
             )
+        return lock_folder(self.folder)
+
+    def _take_up(self) -> None:
+        """Make the folder, or read what an earlier writer left in it."""
+        if (self.folder / DOCUMENT).exists():
+            self._refuse_other_config(_read_block(self.folder))
         else:
             # First of all files, so that a build killed at any later instant finds its own.
-            self._entries = {}
             self._write_descriptions()
         for name in (SHARDS, SUBJECTS):
             (self.folder / name).mkdir(exist_ok=True)
+        self._entries = {
+            subject: replace(entry, split=self.splits[subject])
+            for subject, entry in read_manifest(self.folder / MANIFEST).items()
+            if subject in self.splits and self._is_whole(entry)
+        }
+        # Every planned subject that is not finished is tried again: its failures are of the past.
+        write_json_lines(self.folder / FAILURES, ())
+        # A torn last line must go before the next line is appended to it.
+        write_manifest(self.folder / MANIFEST, self._entries)
 
     def _refuse_other_config(self, block: Mapping[str, Any]) -> None:
         if block["config_sha256"] == config_sha256(self.config):
@@ -211,6 +253,7 @@ class DatasetWriter:
             "config": self.config,
             "config_sha256": sha256,
             "seed": self._seed,
+            "versions": self.versions,
             "licences": sorted({entry.licence for entry in entries}),
             "splits": splits,
             "counts": {
@@ -269,13 +312,25 @@ class Dataset:
 
     @property
     def description(self) -> dict[str, Any]:
-        """Schema version, config and its hash, seed, licences, splits, counts, totals."""
+        """Schema version, config and its hash, seed, versions, licences, splits, counts, totals."""
         return self._block
 
     @property
     def failures(self) -> list[dict[str, str]]:
-        """The subjects that could not be made: subject, stage, reason."""
-        return [record for _, record in read_json_lines(self.folder / FAILURES)]
+        """The subjects that could not be made: subject, stage, reason.
+
+        Raises:
+            DatasetError: at a line that is none of these.
+        """
+        path = self.folder / FAILURES
+        records = read_json_lines(path)
+        for number, record in records:
+            if set(record) != _FAILURE or not all(isinstance(v, str) for v in record.values()):
+                raise DatasetError(
+                    f"{path} line {number} is no record of subject, stage and reason; "
+                    "remove the line and build again"
+                )
+        return [record for _, record in records]
 
     def subjects(self, split: Split | None = None) -> list[str]:
         """The ids, sorted; of one split if named."""
@@ -323,11 +378,16 @@ def _read_block(folder: Path) -> dict[str, Any]:
             raise ValueError(f"it lacks {', '.join(missing)}")
         if config_sha256(block["config"]) != block["config_sha256"]:
             raise ValueError("its config and config_sha256 disagree")
+        if not isinstance(block["counts"]["planned"], int):
+            raise ValueError("its counts.planned is no number")
+        names = [name for split in SPLITS for name in block["splits"][split]]
+        if len(block["splits"]) != len(SPLITS) or not all(isinstance(n, str) for n in names):
+            raise ValueError("its splits are not train and test")
     except (FileNotFoundError, NotADirectoryError):
         raise DatasetError(
             f"{folder} holds no {DOCUMENT}; name a folder that a build has made"
         ) from None
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise DatasetError(f"{path} is no dataset's ({error}); build the dataset again") from None
     if version != schema.SCHEMA_VERSION:
         raise DatasetError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
@@ -47,6 +48,15 @@ class Entry:
         check_subject_id(self.subject)
         if self.split not in SPLITS:
             raise ValueError(f"split is {self.split!r}, not {' or '.join(SPLITS)}")
+        for name in ("sha256", "licence"):
+            if not isinstance(getattr(self, name), str):
+                raise ValueError(f"{name} is {getattr(self, name)!r}, which is no text")
+        for name, kind in (("bytes", int), ("seconds", (int, float))):
+            value = getattr(self, name)
+            if not isinstance(value, kind) or not 0 <= value < math.inf:
+                raise ValueError(f"{name} is {value!r}, which is no such number")
+        if not isinstance(self.versions, dict):
+            raise ValueError(f"versions is {self.versions!r}, which is no object")
 
 
 def read_manifest(path: Path) -> dict[str, Entry]:
@@ -88,7 +98,7 @@ def read_json_lines(path: Path) -> list[tuple[int, dict[str, Any]]]:
     for number, line in enumerate(lines, start=1):
         try:
             record = json.loads(line)
-        except ValueError:
+        except (ValueError, RecursionError):
             record = None
         if not isinstance(record, dict):
             raise DatasetError(

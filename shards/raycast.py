@@ -1,8 +1,10 @@
 """The reference that `verify` holds a shard against: Embree rays on the mesh file itself.
 
-Nothing here is shared with the renderer or with the reader that feeds it: the file is read by
-trimesh, the hits come from Embree, and depths and normals are worked out again in double
-precision on the triangles that were hit.
+The renderer has no part in it: the hits come from Embree, and which vertices are one, the
+similarity to the world, the camera's rays, depths and normals are worked out here again, in
+double precision on the triangles that were hit. An OBJ file is parsed by `shards.wavefront`. For
+PLY, glTF and STL files the parser is trimesh's, as it is for the surfaces that are rendered: a
+fault in it would show on both sides and so remain unseen.
 """
 
 from __future__ import annotations
@@ -14,6 +16,8 @@ import numpy as np
 import trimesh
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
+
+from shards.wavefront import read_obj
 
 _CLEARANCE = 0.1
 """Metres between the rays' start and the surface: near, for single precision's sake."""
@@ -42,11 +46,12 @@ class Surface:
     """A mesh file in the subject's world, ready for rays; its tree is built once.
 
     Args:
-        path: any file that trimesh reads.
+        path: an OBJ file, or any other that trimesh reads.
         mesh_to_world: (4, 4) similarity from the file's coordinates to metres.
 
     Raises:
-        ValueError: if the file holds no triangles.
+        ValueError: if the file cannot be parsed or holds no triangles; one line that names it.
+        OSError: if it cannot be opened.
     """
 
     def __init__(self, path: Path, mesh_to_world: np.ndarray) -> None:
@@ -54,6 +59,8 @@ class Surface:
         # Merged by the file's own numbers, before the similarity rounds them.
         shared = _merge(vertices, own_normals)
         self._vertices = vertices @ mesh_to_world[:3, :3].T + mesh_to_world[:3, 3]
+        if not np.abs(self._vertices).max() <= np.finfo(np.float32).max:
+            raise ValueError(f"{path} has vertices that are not finite")
         self._faces = faces
         extent = np.array([self._vertices.min(axis=0), self._vertices.max(axis=0)])
         self._box = np.array([extent[corner, (0, 1, 2)] for corner in np.ndindex(2, 2, 2)])
@@ -116,8 +123,26 @@ def _read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     The normals tell which vertices are one; their frame is their part's.
     """
+    try:
+        vertices, faces, normals = (read_obj if path.suffix.lower() == ".obj" else _read_any)(path)
+    except OSError:
+        raise
+    except Exception as error:  # a parser meets damage in too many ways to list
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise ValueError(f"{path} is damaged or no surface ({reason})") from error
+    if len(faces) == 0:
+        raise ValueError(f"{path} holds no triangles")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise ValueError(f"{path} is damaged: a face names a vertex that it does not have")
+    used, faces = np.unique(faces, return_inverse=True)
+    normals = np.where(np.isfinite(normals), normals, 0)
+    return vertices[used], faces.reshape(-1, 3), normals[used]
+
+
+def _read_any(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same by trimesh's parser, every part where the file's scene graph puts it."""
     scene = trimesh.load_scene(path, process=False, skip_materials=True)
-    vertices, faces, normals = [], [], []
+    vertices, faces, normals = [np.empty((0, 3))], [np.empty((0, 3), int)], [np.empty((0, 3))]
     count = 0
     for node in scene.graph.nodes_geometry:
         placed, name = scene.graph[node]
@@ -130,8 +155,6 @@ def _read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         normals.append(np.array(part.vertex_normals) if given else np.zeros_like(vertices[-1]))
         faces.append(np.asarray(part.faces) + count)
         count += len(vertices[-1])
-    if not faces:
-        raise ValueError(f"{path} holds no triangles")
     return np.concatenate(vertices), np.concatenate(faces), np.concatenate(normals)
 
 

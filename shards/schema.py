@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath, PureWindowsPath
@@ -200,8 +201,9 @@ def check_meta(meta: Mapping[str, Any], views: int, height: int, width: int) -> 
     """Check that `meta` has every key of the contract, of the right type, agreeing with the arrays.
 
     Raises:
-        SchemaError: at the first key that is missing or wrong.
+        SchemaError: at the first key that is missing or wrong, or number that is not finite.
     """
+    _check_finite(meta)
     for key, types in _META_TYPES.items():
         value: Any = meta
         for part in key.split("."):
@@ -236,10 +238,23 @@ def check_meta(meta: Mapping[str, Any], views: int, height: int, width: int) -> 
         )
 
 
+def _check_finite(meta: Mapping[str, Any]) -> None:
+    rest: list[tuple[str, Any]] = [("meta", meta)]
+    while rest:
+        key, value = rest.pop()
+        # Compared like this NaN is refused, and an integer that no float can hold.
+        if isinstance(value, _NUMBER) and not abs(value) <= sys.float_info.max:
+            raise SchemaError(f"{key} is {value}, which is no finite number")
+        if isinstance(value, Mapping):
+            rest += [(f"{key}.{name}", inner) for name, inner in value.items()]
+        elif isinstance(value, list):
+            rest += [(key, inner) for inner in value]
+
+
 def _check_similarity(rows: Any) -> None:
     try:
         matrix = np.array(rows, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise SchemaError("meta.mesh_to_world is no 4x4 list of finite numbers")

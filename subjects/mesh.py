@@ -82,25 +82,6 @@ class Mesh:
         uv = None if self.uv is None else self.uv[:, ::-1]
         return replace(self, faces=self.faces[:, ::-1], uv=uv)
 
-    def vertex_normals(self) -> np.ndarray:
-        """(N, 3) float64 unit normals: those of the faces, weighted by their angle at the vertex.
-
-        Zero at a vertex whose faces have no area. Source: Thürmer and Wüthrich, Computing
-        Vertex Normals from Polygonal Facets, 1998.
-        """
-        corners = self.vertices[self.faces]
-        edges = np.roll(corners, -1, axis=1) - corners
-        normals = np.cross(edges[:, 0], edges[:, 1])
-        area = np.linalg.norm(normals, axis=1, keepdims=True)
-        normals /= np.where(area > 0, area, 1)
-        angles = np.arctan2(area, -np.einsum("fki,fki->fk", edges, np.roll(edges, 1, axis=1)))
-        weighted = (angles[..., None] * normals[:, None]).reshape(-1, 3)
-        at = self.faces.ravel()
-        sums = [np.bincount(at, weights=w, minlength=len(self.vertices)) for w in weighted.T]
-        result = np.stack(sums, axis=1)
-        length = np.linalg.norm(result, axis=1, keepdims=True)
-        return result / np.where(length > 0, length, 1)
-
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner, (3,) each."""

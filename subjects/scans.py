@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from subjects.mesh import MeshError
+from subjects.mesh import Mesh, MeshError
 from subjects.meshfile import EXTENSIONS, check_winding, read_mesh_and_files
 from subjects.source import Source
 from subjects.subject import Subject
@@ -25,7 +25,10 @@ HEIGHTS = (0.3, 3.0)
 """Metres that a person's scan may be high, crouching child to giant; else the unit is wrong."""
 
 BODY = "body.obj"
-"""The file beside a scan that holds its parametric body."""
+"""The file beside a scan that holds its parametric body, in letters of either case."""
+
+BODY_HEIGHTS = (0.6, 1.1)
+"""A body's height over its scan's: hair and what is held up add to a scan, little to a body."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,7 @@ class Scans(Source):
 
     What a scan's file does not say is asked for: which way is up, which way the person looks and
     how long a unit is. `body.obj` in a scan's folder is its parametric body, in the same
-    coordinates; neither it nor a file with "smplx" in its name is taken for a scan.
+    coordinates and unit; neither it nor a file with "smplx" in its name is taken for a scan.
     """
 
     root: str
@@ -108,8 +111,8 @@ class Scans(Source):
 
         Raises:
             ValueError: there is no such scan.
-            MeshError: the scan or its body cannot be read, its faces do not look outwards, or it
-                is no person's height.
+            MeshError: the scan or its body cannot be read, the scan's faces do not look outwards,
+                it is no person's height, or the body is not of its size or not within it.
         """
         if subject not in self._paths:
             raise ValueError(f"subjects root: '{self.root}' has no scan '{subject}'; see its ids")
@@ -123,7 +126,10 @@ class Scans(Source):
 
         body = self._body(path)
         if body is not None:
-            named = tuple(sorted({*named, *read_mesh_and_files(body)[1]}))
+            body_mesh, body_named = read_mesh_and_files(body)
+            placed, scan = body_mesh.transformed(mesh_to_world), mesh.transformed(mesh_to_world)
+            self._check_body(body, placed, scan)
+            named = tuple(sorted({*named, *body_named}))
             body = _linked(body, folder / BODY)
         return Subject(
             id=subject,
@@ -179,15 +185,34 @@ class Scans(Source):
         return mesh_to_world
 
     def _body(self, path: Path) -> Path | None:
-        body = path.parent / BODY
-        if not body.is_file():
+        bodies = [file for file in sorted(path.parent.iterdir()) if _is_body(file)]
+        if not bodies:
             return None
+        body = bodies[0]
+        if len(bodies) > 1:
+            raise MeshError(f"{body}: lies beside '{bodies[1].name}'; keep the scan's one body")
         beside = [other for other in self._paths.values() if other.parent == path.parent]
         if len(beside) > 1:
             raise MeshError(
                 f"{body}: lies beside {len(beside)} scans; give each scan and body their own folder"
             )
         return body
+
+    def _check_body(self, path: Path, body: Mesh, scan: Mesh) -> None:
+        """MeshError where `body` has not the size of `scan` or its middle is outside; in metres."""
+        (low, high), (scan_low, scan_high) = body.bounds, scan.bounds
+        height, scan_height = high[1] - low[1], scan_high[1] - scan_low[1]
+        centre = (low + high) / 2
+        if not BODY_HEIGHTS[0] <= height / scan_height <= BODY_HEIGHTS[1]:
+            fault = "is of another size"
+        elif not ((scan_low <= centre) & (centre <= scan_high)).all():
+            fault = "lies elsewhere"
+        else:
+            return
+        raise MeshError(
+            f"{path}: {fault} than its scan ({height:.4g} m high, the scan {scan_height:.4g} m, "
+            f"by subjects unit: {self.unit}); export it in the scan's coordinates and unit"
+        )
 
 
 _AXES = {
@@ -198,9 +223,12 @@ _AXES = {
 
 
 def _is_scan(path: Path) -> bool:
-    name = path.name.lower()
-    is_body = name == BODY or "smplx" in name
+    is_body = _is_body(path) or "smplx" in path.name.lower()
     return path.suffix.lower() in EXTENSIONS and not is_body and path.is_file()
+
+
+def _is_body(path: Path) -> bool:
+    return path.name.lower() == BODY and path.is_file()
 
 
 def _id(below: Path) -> str:

@@ -19,16 +19,18 @@ from subjects.mesh import Material, MeshError
 from subjects.meshfile.folder import Folder
 from subjects.meshfile.texture import open_image, pixels
 
-
+# What a file may require without its geometry or base colour being misread.
 _KNOWN_EXTENSIONS = re.compile(r"KHR_materials_\w+|KHR_lights_punctual|EXT_texture_webp")
 
 
 def read_gltf(data: bytes, folder: Folder) -> dict[str, Any]:
+    """The geometries of a .gltf file as trimesh gives them, each with its "material"."""
     _check(json.loads(data), b"", folder)
     return _with_materials(load_gltf(io.BytesIO(data), folder))
 
 
 def read_glb(data: bytes, folder: Folder) -> dict[str, Any]:
+    """The geometries of a .glb file as trimesh gives them, each with its "material"."""
     (length,) = struct.unpack_from("<I", data, 12)
     _check(json.loads(data[20 : 20 + length]), data[28 + length :], folder)
     return _with_materials(load_glb(io.BytesIO(data), folder))
@@ -59,21 +61,25 @@ def _check(header: dict[str, Any], binary: bytes, folder: Folder) -> None:
 
 
 def _with_materials(loaded: dict[str, Any]) -> dict[str, Any]:
-    """`loaded` with our `Material` as each geometry's "material", decoded once."""
+    """`loaded` with our `Material` as each geometry's "material", decoded once.
+
+    Vertex colours are linear by glTF's specification and multiplied by the material's factor:
+    each geometry's "linear_factor", (3,) in [0, 1], says both.
+    """
     materials: dict[int, Material] = {}
     for geometry in loaded["geometry"].values():
+        geometry["linear_factor"] = np.ones(3)
         if geometry.get("visual") is not None:
             material = geometry["visual"].material
             if id(material) not in materials:
                 materials[id(material)] = _material(material)
             geometry["material"] = materials[id(material)]
-            geometry["factor"] = material.baseColorFactor
+            geometry["linear_factor"] = _factor(material)
     return loaded
 
 
 def _material(material: PBRMaterial) -> Material:
-    factor = material.baseColorFactor
-    color = np.ones(3) if factor is None else factor[:3] / 255
+    color = _factor(material)
     if material.baseColorTexture is None:
         red, green, blue = linear_to_srgb(color)
         return Material((red, green, blue))
@@ -83,6 +89,11 @@ def _material(material: PBRMaterial) -> Material:
         curve = np.round(curve * 255).astype(np.uint8)
         texture = np.stack([curve[texture[..., i], i] for i in range(3)], axis=-1)
     return Material(texture=texture)
+
+
+def _factor(material: PBRMaterial) -> np.ndarray:
+    factor = material.baseColorFactor
+    return np.ones(3) if factor is None else factor[:3] / 255
 
 
 def _content(uri: str, folder: Folder) -> bytes:

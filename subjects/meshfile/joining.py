@@ -7,7 +7,6 @@ import numpy as np
 from subjects.mesh import Mesh, MeshError
 from subjects.meshfile.part import Part
 
-
 NORMAL_TOLERANCE = 1e-3
 """Unit normals nearer than this are one normal: text files round theirs."""
 

@@ -15,10 +15,11 @@ from subjects.meshfile.mtl import read_mtl
 
 
 def read_obj(data: bytes, folder: Folder) -> dict[str, Any]:
-    """trimesh's reading of the OBJ, with our `Material` as each geometry's "material".
+    """The geometries of an OBJ file as trimesh gives them, each with its "material".
 
-    trimesh's own materials are not used: it drops all of a file's silently when a texture is
-    missing or `Kd` is one number, as in THuman2.0. It is told their names only.
+    Faces that name no material take the MTL's one where it has no other: many scanners write no
+    usemtl. trimesh's own materials are not used: it drops all of a file's silently when a texture
+    is missing or `Kd` is one number, as in THuman2.0. It is told their names only.
     """
     text = data.decode("utf-8", errors="replace")
     start = f"\n{text}"  # with a literal beginning the two searches take no time
@@ -27,8 +28,11 @@ def read_obj(data: bytes, folder: Folder) -> dict[str, Any]:
     if len(libraries) > 1:
         raise MeshError(f"names {len(libraries)} material files; join them into one")
     materials = {} if not libraries else read_mtl(min(libraries), folder)
-    if materials and not used:
-        raise MeshError(f"uses no material of '{min(libraries)}'; add a usemtl line to it")
+    if len(materials) > 1 and not used:
+        raise MeshError(
+            f"uses none of the {len(materials)} materials of '{min(libraries)}'; "
+            "add usemtl lines, or leave one material there"
+        )
     if libraries and used - set(materials):
         raise MeshError(
             f"uses material '{min(used - set(materials))}', which '{min(libraries)}' does not "
@@ -36,8 +40,9 @@ def read_obj(data: bytes, folder: Folder) -> dict[str, Any]:
         )
     names = "\n".join(f"newmtl {name}" for name in materials)
     loaded = load_obj(io.StringIO(text), defaultdict(lambda: names), skip_materials=not materials)
+    default = next(iter(materials.values())) if len(materials) == 1 else Material()
     for geometry in loaded.get("geometry", {}).values():
-        if geometry["visual"] is not None:
-            name = geometry["visual"].material.name
-            geometry["material"] = materials.get(name, Material())
+        visual = geometry["visual"]
+        named = None if visual is None else materials.get(visual.material.name)
+        geometry["material"] = named or default
     return loaded

@@ -26,8 +26,8 @@ class Part:
     material: Material
 
 
-def placed_parts(loaded: dict[str, Any], linear: bool) -> Iterator[Part]:
-    """The triangle geometries of a file, where its scene graph puts them."""
+def placed_parts(loaded: dict[str, Any]) -> Iterator[Part]:
+    """The triangle geometries that a reader gives, where the file's scene graph puts them."""
     geometries = loaded.get("geometry", {"": loaded})
     if "graph" in loaded:
         graph = SceneGraph()
@@ -38,10 +38,10 @@ def placed_parts(loaded: dict[str, Any], linear: bool) -> Iterator[Part]:
         placed = [(np.eye(4), name) for name in geometries]
     for matrix, name in placed:
         if geometries[name].get("faces") is not None:
-            yield _part(geometries[name], matrix, linear)
+            yield _part(geometries[name], matrix)
 
 
-def _part(geometry: dict[str, Any], matrix: np.ndarray, linear: bool) -> Part:
+def _part(geometry: dict[str, Any], matrix: np.ndarray) -> Part:
     vertices = np.asarray(geometry["vertices"], dtype=np.float64)
     faces = triangulate_quads(geometry["faces"]).reshape(-1, 3)
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
@@ -60,7 +60,7 @@ def _part(geometry: dict[str, Any], matrix: np.ndarray, linear: bool) -> Part:
     elif colors is None and geometry.get("face_colors") is not None:
         colors = _face_colors_at_vertices(geometry["face_colors"], faces, len(vertices))
     if colors is not None:
-        colors = _vertex_colors(colors, geometry.get("factor"), linear)
+        colors = _vertex_colors(colors, geometry.get("linear_factor"))
 
     normals = geometry.get("vertex_normals")
     if normals is None or np.shape(normals) != vertices.shape:
@@ -75,15 +75,20 @@ def _part(geometry: dict[str, Any], matrix: np.ndarray, linear: bool) -> Part:
     return Part(vertices, faces, normals, uv, colors, material)
 
 
-def _vertex_colors(colors: np.ndarray, factor: np.ndarray | None, linear: bool) -> np.ndarray:
-    """(N, 3) uint8 sRGB from (N, 3 or 4) of any type; `factor` (4,) uint8 applies to linear."""
+def _vertex_colors(colors: np.ndarray, linear_factor: np.ndarray | None) -> np.ndarray:
+    """(N, 3) uint8 sRGB from (N, 3 or 4) of any type.
+
+    Args:
+        colors: linear light where there is a `linear_factor`, else sRGB.
+        linear_factor: (3,) multiplies linear light.
+    """
     values = np.asarray(colors)[:, :3]
     full = 65535 if values.dtype == np.uint16 else 255
     if values.dtype.kind == "f" and values.max(initial=0) <= 1:
         full = 1
     values = np.clip(np.nan_to_num(values / full), 0, 1)
-    if linear:
-        values = linear_to_srgb(values if factor is None else values * (factor[:3] / 255))
+    if linear_factor is not None:
+        values = linear_to_srgb(values * linear_factor)
     return np.round(values * 255).astype(np.uint8)
 
 

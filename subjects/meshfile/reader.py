@@ -9,6 +9,24 @@ from typing import Any
 
 from subjects.mesh import Mesh, MeshError
 from subjects.meshfile.folder import Folder
+from subjects.meshfile.gltf import read_glb, read_gltf
+from subjects.meshfile.joining import joined
+from subjects.meshfile.obj import read_obj
+from subjects.meshfile.part import placed_parts
+from subjects.meshfile.ply import read_ply
+from subjects.meshfile.stl import read_stl
+from subjects.meshfile.texture import images_bounded
+
+_READERS: dict[str, Callable[[bytes, Folder], dict[str, Any]]] = {
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".glb": read_glb,
+    ".gltf": read_gltf,
+    ".stl": read_stl,
+}
+
+EXTENSIONS = tuple(_READERS)
+"""What `read_mesh` reads."""
 
 
 def read_mesh(path: Path) -> Mesh:
@@ -66,20 +84,7 @@ def _mesh(data: bytes, kind: str, folder: Folder) -> Mesh:
     with images_bounded(), warnings.catch_warnings():
         # numpy only warns when it stops in the middle of a text that is no number
         warnings.filterwarnings("error", "string or file could not be read", DeprecationWarning)
-        loaded = _READERS[kind](data, folder)
-        parts = list(placed_parts(loaded, linear=kind in (".glb", ".gltf")))
+        parts = list(placed_parts(_READERS[kind](data, folder)))
     if not parts:
         raise MeshError("holds no surface, only points or nothing; export its triangles")
     return joined(parts)
-
-
-_READERS: dict[str, Callable[[bytes, Folder], dict[str, Any]]] = {
-    ".obj": read_obj,
-    ".ply": read_ply,
-    ".glb": read_glb,
-    ".gltf": read_gltf,
-    ".stl": read_stl,
-
-
-EXTENSIONS = tuple(_READERS)
-"""What `read_mesh` reads."""

@@ -11,5 +11,6 @@ from subjects.meshfile.folder import Folder
 
 
 def read_stl(data: bytes, folder: Folder) -> dict[str, Any]:
+    """The triangles of an STL file, in ASCII or binary, as trimesh gives them."""
     is_text = data.lstrip()[:5].lower() == b"solid"
     return (load_stl if is_text else load_stl_binary)(io.BytesIO(data))

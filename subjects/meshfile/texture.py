@@ -12,7 +12,6 @@ from PIL import Image
 
 from subjects.mesh import MeshError
 
-
 TEXTURE_PIXELS = 16384 * 16384
 """The largest texture that is decoded; a small file can claim any size."""
 

@@ -7,10 +7,8 @@ import numpy as np
 from subjects.mesh import Mesh, MeshError
 from subjects.meshfile.joining import first_alike
 
-
 DISAGREEING_EDGES = 0.01
 """Share of two-faced edges whose faces may run in opposite senses; scans have some flaws."""
-
 
 OPEN_EDGES = 0.01
 """A mesh with a smaller share of one-faced edges is closed enough for its volume to have a sign."""

@@ -126,6 +126,18 @@ def closed_form_meta(subject: str, views: int = len(YAWS)) -> dict:
     }
 
 
+def write_surfaces(folder: Path) -> None:
+    """The files that `closed_form_meta` names, below the dataset's folder."""
+    (folder / "subjects" / "box.obj").write_text(box_obj(HALF))
+    (folder / "subjects" / "body.obj").write_text(box_obj(BODY_HALF))
+
+
+@pytest.fixture
+def surfaces() -> Callable[[Path], None]:
+    """surfaces(folder) writes the box and its body into a dataset."""
+    return write_surfaces
+
+
 @pytest.fixture
 def arrays() -> dict[str, np.ndarray]:
     """The box's members."""
@@ -145,12 +157,11 @@ def build(tmp_path: Path) -> Callable[..., Path]:
     def build(arrays: dict[str, np.ndarray], meta: dict, compression="stored") -> Path:
         folder = tmp_path / "dataset"
         subject = meta["subject"]
-        writer = DatasetWriter(folder, CONFIG, [subject], seed=7)
-        (folder / "subjects" / "box.obj").write_text(box_obj(HALF))
-        (folder / "subjects" / "body.obj").write_text(box_obj(BODY_HALF))
-        size, sha256 = write_shard(writer.shard_path(subject), arrays, meta, compression)
-        writer.add(subject, size, sha256, 1.25, meta["licence"], {"numpy": np.__version__})
-        writer.finish()
+        with DatasetWriter(folder, CONFIG, [subject], 7, meta["versions"]) as writer:
+            write_surfaces(folder)
+            size, sha256 = write_shard(writer.shard_path(subject), arrays, meta, compression)
+            writer.add(subject, size, sha256, 1.25, meta["licence"])
+            writer.finish()
         return folder
 
     return build

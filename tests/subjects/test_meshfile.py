@@ -14,9 +14,10 @@ from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from subjects import meshfile
+from subjects.color import srgb_to_linear
 from subjects.mesh import Mesh, MeshError
-from subjects.meshfile import check_winding, read_mesh, read_mesh_and_files
+from subjects.meshfile import EXTENSIONS, check_winding, read_mesh, read_mesh_and_files, texture
+from subjects.meshfile.joining import NORMAL_TOLERANCE, first_alike
 
 TETRAHEDRON = """\
 v 0 0 0
@@ -64,8 +65,9 @@ def cylinder_obj(normals: list[tuple[float, float]] | None = None) -> str:
     return "\n".join([*v, *vt, *vn, *faces]) + "\n"
 
 
-def gltf_linear(srgb: np.ndarray) -> np.ndarray:
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+def vertex_normals(mesh: Mesh) -> np.ndarray:
+    """(N, 3) unit normals of the faces that share each vertex, by trimesh."""
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).vertex_normals
 
 
 def sphere() -> trimesh.Trimesh:
@@ -151,7 +153,7 @@ class TestNormals:
         }
         inner = np.abs(mesh.vertices[:, 0]) < 0.5
         outward = mesh.vertices[inner] * [1, 0, 1]
-        assert np.allclose(mesh.vertex_normals()[inner], outward, atol=0.05)
+        assert np.allclose(vertex_normals(mesh)[inner], outward, atol=0.05)
 
     def test_corner_keeps_the_place_of_its_texture_coordinate(self, tmp_path: Path) -> None:
         mesh = read_mesh(write(tmp_path / "c.obj", cylinder_obj()))
@@ -162,7 +164,7 @@ class TestNormals:
         flat = [(np.sin(a), np.cos(a)) for a in np.radians([-30.0, -30.0, 0.0, 0.0, 30.0, 30.0])]
         mesh = read_mesh(write(tmp_path / "c.obj", cylinder_obj(flat)))
         assert len(mesh.vertices) == 12
-        sides = np.degrees(np.arctan2(*mesh.vertex_normals()[:, [0, 2]].T))
+        sides = np.degrees(np.arctan2(*vertex_normals(mesh)[:, [0, 2]].T))
         assert np.allclose(np.sort(sides), np.repeat([-30, 0, 30], 4), atol=1e-3)
 
     def test_authored_smooth_edge_stays_smooth(self, tmp_path: Path) -> None:
@@ -178,7 +180,7 @@ class TestNormals:
         box.export(tmp_path / "hard.glb")
         mesh = read_mesh(tmp_path / "hard.glb")
         assert len(mesh.vertices) == 24
-        normals = mesh.vertex_normals()
+        normals = vertex_normals(mesh)
         assert np.allclose(np.sort(np.abs(normals), axis=1), [0, 0, 1])
 
     def test_geometries_that_meet_under_different_nodes_join_smoothly(self, tmp_path: Path) -> None:
@@ -206,25 +208,10 @@ class TestNormals:
                 j
                 for j in heads
                 if (places[i] == places[j]).all()
-                and np.linalg.norm(normals[i] - normals[j]) <= meshfile.NORMAL_TOLERANCE
+                and np.linalg.norm(normals[i] - normals[j]) <= NORMAL_TOLERANCE
             )
             expected.append(next(same, i))
-        assert np.array_equal(meshfile._first_alike(places, normals), expected)
-
-    def test_vertex_normals_of_a_sphere(self) -> None:
-        ball = trimesh.creation.uv_sphere(count=[40, 40])
-        mesh = Mesh(ball.vertices, ball.faces)
-        normals = mesh.vertex_normals()
-        assert np.allclose(np.linalg.norm(normals, axis=1), 1)
-        assert np.allclose(normals, ball.vertices, atol=2e-3)
-        assert np.allclose(mesh.flipped().vertex_normals(), -normals)
-
-    def test_vertex_normals_weigh_by_angle_not_by_count(self) -> None:
-        # the corner of a cube whose one side is cut into two triangles at that corner
-        vertices = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0)]
-        faces = [(0, 4, 1), (0, 2, 4), (0, 1, 3), (0, 3, 2)]
-        normal = Mesh(np.array(vertices), np.array(faces)).vertex_normals()[0]
-        assert np.allclose(normal, -np.ones(3) / np.sqrt(3))
+        assert np.array_equal(first_alike(places, normals), expected)
 
 
 class TestColours:
@@ -253,7 +240,7 @@ class TestColours:
     def test_gltf_vertex_colours_are_linear(self, tmp_path: Path) -> None:
         ball = sphere()
         srgb = np.array([200, 100, 50])
-        linear = np.round(gltf_linear(srgb / 255) * 255).astype(np.uint8)
+        linear = np.round(srgb_to_linear(srgb / 255) * 255).astype(np.uint8)
         ball.visual.vertex_colors = np.tile([*linear, 255], (len(ball.vertices), 1))
         ball.export(tmp_path / "b.glb")
         mesh = read_mesh(tmp_path / "b.glb")
@@ -278,6 +265,11 @@ class TestColours:
         mesh = read_mesh(write(tmp_path / "m.obj", text))
         assert [m.color for m in mesh.materials] == [pytest.approx(color)]
         assert mesh.materials[0].texture is None
+
+    def test_only_material_needs_no_usemtl(self, tmp_path: Path) -> None:
+        write(tmp_path / "m.mtl", "newmtl skin\nKd 0.2 0.4 0.6\n")
+        mesh = read_mesh(write(tmp_path / "m.obj", "mtllib m.mtl\n" + TETRAHEDRON))
+        assert [m.color for m in mesh.materials] == [pytest.approx((0.2, 0.4, 0.6))]
 
     def test_materials_of_an_obj_keep_their_faces(self, tmp_path: Path) -> None:
         write(tmp_path / "m.mtl", "newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 1 0\n")
@@ -306,6 +298,16 @@ class TestTextures:
         same_texels(mesh.materials[0].texture)
         assert len(mesh.materials) == 1
         assert files == (Path("material0.mtl"), Path("t.png"))
+
+    def test_only_texture_needs_no_usemtl(self, tmp_path: Path) -> None:
+        Image.fromarray(TEXELS).save(tmp_path / "t.png")
+        path = self.textured(tmp_path)
+        expected = read_mesh(path)
+        path.write_text(path.read_text().replace("usemtl material_0\n", ""))
+        mesh = read_mesh(path)
+        same_texels(mesh.materials[0].texture)
+        assert len(mesh.materials) == 1
+        assert np.array_equal(mesh.uv, expected.uv)
 
     @pytest.mark.parametrize("name", ["tex/a b.png", r"tex\a b.png", '"tex/a b.png"'])
     def test_name_with_folder_and_blank(self, tmp_path: Path, name: str) -> None:
@@ -417,8 +419,8 @@ class TestTextures:
         ball.export(tmp_path / "b.glb")
         texture = read_mesh(tmp_path / "b.glb").materials[0].texture
         assert texture is not None
-        linear = gltf_linear(texture[0, 0] / 255)
-        expected = gltf_linear(np.array([255, 255, 200]) / 255) * [128 / 255, 1, 128 / 255]
+        linear = srgb_to_linear(texture[0, 0] / 255)
+        expected = srgb_to_linear(np.array([255, 255, 200]) / 255) * [128 / 255, 1, 128 / 255]
         assert np.allclose(linear, expected, atol=0.005)
 
 
@@ -460,7 +462,22 @@ class TestErrors:
             read_mesh(path)
         one_line(error, path, "is truncated: 313 of 320 face rows", "copy it again")
 
-    @pytest.mark.parametrize("kind", meshfile.EXTENSIONS)
+    @pytest.mark.parametrize("first", [3, 4])
+    def test_binary_ply_of_triangles_and_quads(self, tmp_path: Path, first: int) -> None:
+        faces = [f if i else f[:first] for i, f in enumerate([*CUBE_F, (0, 3, 2)])]
+        path = tmp_path / "mixed.ply"
+        path.write_bytes(
+            f"ply\nformat binary_little_endian 1.0\nelement vertex {len(CUBE_V)}\n"
+            f"property float x\nproperty float y\nproperty float z\nelement face {len(faces)}\n"
+            "property list uchar int vertex_indices\nend_header\n".encode()
+            + np.array(CUBE_V, "<f4").tobytes()
+            + b"".join(struct.pack(f"<B{len(face)}i", len(face), *face) for face in faces)
+        )
+        with pytest.raises(MeshError) as error:
+            read_mesh(path)
+        one_line(error, path, "mixes triangles with other polygons", "triangulate it on export")
+
+    @pytest.mark.parametrize("kind", EXTENSIONS)
     def test_garbage(self, tmp_path: Path, kind: str) -> None:
         path = tmp_path / f"noise{kind}"
         path.write_bytes(np.random.default_rng(0).bytes(5000))
@@ -468,7 +485,7 @@ class TestErrors:
             read_mesh(path)
         one_line(error, path)
 
-    @pytest.mark.parametrize("kind", meshfile.EXTENSIONS)
+    @pytest.mark.parametrize("kind", EXTENSIONS)
     def test_empty_file(self, tmp_path: Path, kind: str) -> None:
         path = write(tmp_path / f"empty{kind}", "")
         with pytest.raises(MeshError) as error:
@@ -486,7 +503,7 @@ class TestErrors:
         path = write(tmp_path / "a.fbx", "")
         with pytest.raises(MeshError) as error:
             read_mesh(path)
-        one_line(error, path, "'.fbx'", *meshfile.EXTENSIONS)
+        one_line(error, path, "'.fbx'", *EXTENSIONS)
 
     def test_no_such_file(self, tmp_path: Path) -> None:
         with pytest.raises(MeshError) as error:
@@ -545,12 +562,12 @@ class TestErrors:
             read_mesh(path)
         one_line(error, path, "'cloth'", "'m.mtl'")
 
-    def test_material_that_no_face_uses(self, tmp_path: Path) -> None:
-        write(tmp_path / "m.mtl", "newmtl skin\n")
+    def test_materials_that_no_face_uses(self, tmp_path: Path) -> None:
+        write(tmp_path / "m.mtl", "newmtl skin\nnewmtl cloth\n")
         path = write(tmp_path / "m.obj", "mtllib m.mtl\n" + TETRAHEDRON)
         with pytest.raises(MeshError) as error:
             read_mesh(path)
-        one_line(error, path, "'m.mtl'", "usemtl")
+        one_line(error, path, "none of the 2 materials of 'm.mtl'", "usemtl")
 
     def test_mtl_line_that_is_no_colour(self, tmp_path: Path) -> None:
         write(tmp_path / "m.mtl", "newmtl skin\nKd pale\n")
@@ -604,11 +621,11 @@ class TestErrors:
         path = TestTextures().textured(tmp_path)
         before = Image.MAX_IMAGE_PIXELS
         for bound in (1199, 500):  # within twice the bound Pillow only warns
-            monkeypatch.setattr(meshfile, "TEXTURE_PIXELS", bound)
+            monkeypatch.setattr(texture, "TEXTURE_PIXELS", bound)
             with pytest.raises(MeshError) as error:
                 read_mesh(path)
             one_line(error, path, "'t.png'", f"more than {bound} pixels", "scale it down")
-        monkeypatch.setattr(meshfile, "TEXTURE_PIXELS", 1200)
+        monkeypatch.setattr(texture, "TEXTURE_PIXELS", 1200)
         assert read_mesh(path).materials[0].texture is not None
         assert before == Image.MAX_IMAGE_PIXELS
 

@@ -226,8 +226,8 @@ class TestMake:
         scan = person()
         scan.apply_translation([5, 1, 2])
         export(scan, tmp_path / "in" / "a" / "a.ply")
-        body = trimesh.creation.icosphere(radius=0.2)
-        body.apply_translation([5, 2, 2])
+        body = trimesh.creation.capsule(height=1.2, radius=0.2)  # 1.6 m, about the origin
+        body.apply_transform([[0, 1, 0, 5], [0, 0, 1, 1.8], [1, 0, 0, 2], [0, 0, 0, 1]])
         path = export(body, tmp_path / "in" / "a" / "body.obj")
         path.write_text("mtllib body.mtl\nusemtl grey\n" + path.read_text())
         path.with_suffix(".mtl").write_text("newmtl grey\nKd 0.5\n")
@@ -236,7 +236,57 @@ class TestMake:
         assert subject.files == (tmp_path / "out" / "body.mtl",)
         surface = subject.body_surface()
         assert surface is not None
-        assert np.allclose(surface.vertices.mean(axis=0), [-0.15, 1, -0.025], atol=1e-3)
+        low, high = surface.bounds
+        assert np.allclose(low, [-0.35, 0, -0.225], atol=1e-3)
+        assert np.allclose(high, [0.05, 1.6, 0.175], atol=1e-3)
+
+    @pytest.mark.parametrize("name", ["body.obj", "Body.OBJ"])
+    def test_body_in_letters_of_either_case(self, tmp_path: Path, name: str) -> None:
+        export(person(), tmp_path / "in" / "a" / "a.ply")
+        export(person(1.7), tmp_path / "in" / "a" / name)
+        source = scans(tmp_path / "in")
+        assert source.ids() == ["a"]
+        subject = source.make("a", 0, tmp_path / "out")
+        assert subject.body == tmp_path / "out" / "body.obj"
+        surface = subject.body_surface()
+        assert surface is not None
+        assert surface.bounds[1][1] == pytest.approx(1.7)
+
+    @pytest.mark.parametrize(
+        ("size", "aside", "fault", "heights"),
+        [
+            (1.0, 0.0, "another size", ("0.018 m high", "the scan 1.8 m")),  # metres, not cm
+            (1000.0, 0.0, "another size", ("18 m high", "the scan 1.8 m")),
+            (59.0, 0.0, "another size", ("1.062 m high", "the scan 1.8 m")),
+            (111.0, 0.0, "another size", ("1.998 m high", "the scan 1.8 m")),
+            (100.0, 41.0, "elsewhere", ("1.8 m high", "the scan 1.8 m")),
+            (61.0, 0.0, "", ()),
+            (109.0, 0.0, "", ()),
+            (100.0, 39.0, "", ()),
+        ],
+    )
+    def test_body_of_another_size_or_place(
+        self, tmp_path: Path, size: float, aside: float, fault: str, heights: tuple[str, ...]
+    ) -> None:
+        """The scan is in centimetres, its box 80 wide."""
+        export(person().apply_scale(100), tmp_path / "in" / "a" / "a.ply")
+        body = person().apply_scale(size).apply_translation([aside, 0, 0])
+        path = export(body, tmp_path / "in" / "a" / "body.obj")
+        source = scans(tmp_path / "in", unit="cm")
+        if not fault:
+            assert source.make("a", 0, tmp_path / "out").body is not None
+            return
+        with pytest.raises(MeshError) as error:
+            source.make("a", 0, tmp_path / "out")
+        one_line(error, path, fault, *heights, "subjects unit: cm", "export it in the scan's")
+        assert not (tmp_path / "out").exists()
+
+    def test_two_bodies(self, tmp_path: Path) -> None:
+        for name in ("a.ply", "body.obj", "Body.OBJ"):
+            export(person(), tmp_path / name)
+        with pytest.raises(MeshError) as error:
+            scans(tmp_path).make("a", 0, tmp_path / "out")
+        one_line(error, tmp_path / "Body.OBJ", "'body.obj'", "keep")
 
     def test_without_a_body(self, tmp_path: Path) -> None:
         export(person(), tmp_path / "a.ply")
@@ -271,7 +321,9 @@ class TestMake:
         flipped = mesh.flipped()
         assert flipped.uv is not None
         assert np.array_equal(flipped.uv, flipped.vertices[flipped.faces][..., :2])
-        assert np.allclose(flipped.vertex_normals(), [0, 0, -1])
+        assert np.allclose(
+            np.cross(*np.diff(flipped.vertices[flipped.faces[0]], axis=0)), [0, 0, -1]
+        )
 
     def test_mixed_winding(self, tmp_path: Path) -> None:
         mesh = person()
@@ -295,7 +347,7 @@ class TestMake:
 class TestSubject:
     def subject(self, tmp_path: Path) -> Subject:
         textured(tmp_path / "in" / "a")
-        export(trimesh.creation.icosphere(), tmp_path / "in" / "a" / "body.obj")
+        export(person(1.7), tmp_path / "in" / "a" / "body.obj")
         source = scans(tmp_path / "in", up="y", front="x", licence="Öffentlich", unit=0.9)
         return source.make("a", 0, tmp_path / "data" / "subjects" / "a")
 
