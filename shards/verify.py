@@ -150,7 +150,7 @@ def _check_folder(dataset: Dataset, breaches: list[str]) -> None:
             f"{dataset.folder}: dataset.json and the manifest list other subjects or splits; "
             "run the build again to its end"
         )
-    elif any(entry.versions != block["versions"] for entry in dataset.manifest.values()):
+    elif any(entry.versions != block.get("versions") for entry in dataset.manifest.values()):
         breaches.append(
             f"{dataset.folder}: dataset.json and the manifest tell of different versions; "
             "run the build again to its end"
@@ -231,7 +231,7 @@ class _SubjectCheck:
     def _has_camera(
         self, view: int, maps: Mapping[str, np.ndarray], meta: Mapping[str, Any]
     ) -> bool:
-        """Whether the view's camera is the one that meta and yaw tell; without it no ray is cast."""
+        """Whether the view's camera is the one that meta and yaw tell; else no ray is cast."""
         matrix, camera = maps["camera_to_world"], meta["camera"]
         rotation = matrix[:3, :3]
         if not np.isfinite(matrix).all() or not np.isfinite(maps["yaw_deg"]):

@@ -283,6 +283,15 @@ def test_meta_that_is_no_json_is_refused(tmp_path, arrays, meta):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("constant", ["NaN", "Infinity", "-Infinity"])
+def test_a_constant_that_is_no_json_is_refused_on_reading(tmp_path, arrays, meta, constant):
+    path = tmp_path / "box.npz"
+    meta["camera"]["distance"] = float(constant)
+    np.savez(path, **arrays, meta=np.array(json.dumps(meta)))
+    with pytest.raises(ShardError, match=f"'meta' holds {constant}, which is no finite number"):
+        Shard(path)
+
+
 def test_an_unknown_compression_names_the_known(tmp_path, arrays, meta):
     with pytest.raises(ValueError, match="use stored or deflate"):
         write_shard(tmp_path / "box.npz", arrays, meta, "zstd")

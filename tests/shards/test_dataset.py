@@ -1,7 +1,12 @@
 """The dataset's folder: made, interrupted, taken up again, refused, read."""
 
+import contextlib
 import json
 import multiprocessing
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,21 +26,54 @@ def folder(tmp_path):
     return tmp_path / "dataset"
 
 
-def open_writer(folder, config=CONFIG, planned=SUBJECTS):
-    return DatasetWriter(folder, config, planned, seed=7)
+VERSIONS = {"numpy": "1", "bpy": "4"}
 
-
-def add(writer, subject, arrays, meta):
-    size, sha256 = write_shard(writer.shard_path(subject), arrays, {**meta, "subject": subject})
-    writer.add(subject, size, sha256, 1.0, "CC0-1.0", {"numpy": "1"})
+# Opens the dataset and waits for a line, or says why it cannot.
+HOLD = """
+import json, sys
+from shards.dataset import DatasetWriter
+from shards.manifest import DatasetError
+folder, config, planned, versions = map(json.loads, sys.argv[1:])
+try:
+    with DatasetWriter(folder, config, planned, 7, versions):
+        print("writing", flush=True)
+        sys.stdin.readline()
+except DatasetError as error:
+    print(error, flush=True)
+"""
 
 
 @pytest.fixture
-def whole(folder, arrays, meta):
-    writer = open_writer(folder)
+def open_writer(folder):
+    """open_writer(folder, ...): a writer; the one before is closed, as by its process's end."""
+    last = contextlib.ExitStack()
+
+    def open_writer(folder=folder, config=CONFIG, planned=SUBJECTS, versions=VERSIONS):
+        last.close()
+        return last.enter_context(DatasetWriter(folder, config, planned, 7, versions))
+
+    with last:
+        yield open_writer
+
+
+@pytest.fixture
+def add(arrays, meta, surfaces):
+    def add(writer, subject, licence="CC0-1.0"):
+        if not (writer.folder / "subjects" / "box.obj").exists():
+            surfaces(writer.folder)
+        size, sha256 = write_shard(writer.shard_path(subject), arrays, {**meta, "subject": subject})
+        writer.add(subject, size, sha256, 1.0, licence)
+
+    return add
+
+
+@pytest.fixture
+def whole(folder, open_writer, add):
+    writer = open_writer()
     for subject in reversed(SUBJECTS):
-        add(writer, subject, arrays, meta)
+        add(writer, subject)
     writer.finish()
+    writer.close()
     return folder
 
 
@@ -88,11 +126,10 @@ def test_the_card_tells_members_licence_and_config(whole):
     assert '"pixel_size": 0.005' in card
 
 
-def test_the_card_warns_of_a_licence_that_forbids_sharing(folder, arrays, meta):
+def test_the_card_warns_of_a_licence_that_forbids_sharing(folder, open_writer, add):
     writer = open_writer(folder, planned=["a", "b"])
-    size, sha256 = write_shard(writer.shard_path("a"), arrays, {**meta, "subject": "a"})
-    writer.add("a", size, sha256, 1.0, "THuman2.0 (non-commercial, no sharing)", {})
-    add(writer, "b", arrays, meta)
+    add(writer, "a", "THuman2.0 (non-commercial, no sharing)")
+    add(writer, "b")
     writer.finish()
     card = (folder / "README.md").read_text()
     assert "Redistributable: no" in card
@@ -110,22 +147,22 @@ def test_the_card_s_snippet_runs(whole, monkeypatch):
     assert names["meta"]["licence"] == "CC0-1.0"
 
 
-def test_descriptions_depend_on_content_only(tmp_path, arrays, meta):
+def test_descriptions_depend_on_content_only(tmp_path, open_writer, add):
     """Two builds, in other order, at another place, one of them interrupted: the same files."""
     texts = []
     for name, order in (("one", SUBJECTS), ("two", SUBJECTS[::-1])):
         for subject in order:  # a writer for each subject, as if killed after each
             writer = open_writer(tmp_path / name, planned=order)
-            add(writer, subject, arrays, meta)
+            add(writer, subject)
         writer.finish()
         texts.append([(tmp_path / name / f).read_bytes() for f in ("dataset.json", "README.md")])
     assert texts[0] == texts[1]
 
 
-def test_an_interrupted_build_goes_on_with_what_is_missing(folder, arrays, meta):
+def test_an_interrupted_build_goes_on_with_what_is_missing(folder, open_writer, add, arrays, meta):
     writer = open_writer(folder)
     for subject in ("a", "b", "c"):
-        add(writer, subject, arrays, meta)
+        add(writer, subject)
     # Killed now: b's shard is cut, c's is gone, d's line is torn, e is in no line.
     path = writer.shard_path("b")
     path.write_bytes(path.read_bytes()[:-1])
@@ -138,16 +175,88 @@ def test_an_interrupted_build_goes_on_with_what_is_missing(folder, arrays, meta)
     writer = open_writer(folder)
     assert writer.finished == {"a"}
     for subject in ("b", "c", "d", "e"):
-        add(writer, subject, arrays, meta)
+        add(writer, subject)
     assert Dataset(folder).subjects() == SUBJECTS, "the torn line has spoilt no later one"
     writer.finish()
     assert sorted(p.name for p in (folder / "shards").iterdir()) == [f"{s}.npz" for s in SUBJECTS]
 
 
-def test_a_shard_of_the_right_size_that_is_torn_is_made_again(whole):
+def test_a_shard_of_the_right_size_that_is_torn_is_made_again(whole, open_writer):
     path = whole / "shards" / "a.npz"
     path.write_bytes(bytes(path.stat().st_size))
     assert open_writer(whole).finished == set(SUBJECTS) - {"a"}
+
+
+@pytest.mark.parametrize("name", ["box.obj", "body.obj"])
+def test_a_shard_whose_surface_is_lost_is_made_again(whole, open_writer, name):
+    (whole / "subjects" / name).unlink()
+    assert open_writer().finished == set()
+
+
+def test_a_shard_whose_surface_was_edited_is_made_again(whole, open_writer, arrays, meta, add):
+    mesh = whole / "subjects" / "box.obj"
+    (whole / "subjects" / "other.obj").write_bytes(mesh.read_bytes())
+    meta["mesh"] = "subjects/other.obj"
+    writer = open_writer()
+    add(writer, "c")
+    mesh.write_bytes(mesh.read_bytes() + b"# edited\n")
+    assert open_writer().finished == {"c"}
+
+
+def test_a_shard_that_breaks_the_contract_is_made_again(whole, open_writer, arrays, meta):
+    path = whole / "shards" / "a.npz"
+    np.savez(path, **arrays, meta=np.array(json.dumps({**meta, "mesh": "../box.obj"})))
+    manifest = whole / "manifest.jsonl"
+    first, *rest = manifest.read_text().splitlines()
+    first = json.dumps({**json.loads(first), "bytes": path.stat().st_size})
+    manifest.write_text("\n".join([first, *rest]) + "\n")
+    assert open_writer().finished == set(SUBJECTS) - {"a"}
+
+
+def test_shards_of_other_versions_are_made_again(whole, open_writer, add):
+    assert Dataset(whole).description["versions"] == VERSIONS
+    newer = {**VERSIONS, "bpy": "5"}
+    writer = open_writer(versions=newer)
+    assert writer.finished == set()
+    add(writer, "b")
+    writer = open_writer(versions=newer)
+    assert writer.finished == {"b"}
+    writer.finish()
+    assert Dataset(whole).description["versions"] == newer
+    assert Dataset(whole).manifest["b"].versions == newer
+
+
+def start_holder(folder):
+    arguments = [str(folder), CONFIG, SUBJECTS, VERSIONS]
+    return subprocess.Popen(
+        [sys.executable, "-c", HOLD, *map(json.dumps, arguments)],
+        cwd=Path(__file__).parents[2],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_a_second_process_may_not_write(whole, open_writer):
+    busy = f"another build is writing {whole}; wait for it or choose another folder"
+    writer = open_writer()
+    with start_holder(whole) as other:
+        assert other.communicate()[0] == busy + "\n"
+    assert Dataset(whole).subjects() == SUBJECTS, "readers need no lock"
+    writer.close()
+    with start_holder(whole) as other:
+        assert other.stdout.readline() == "writing\n"
+        with pytest.raises(DatasetError, match=busy):
+            open_writer()
+        other.send_signal(signal.SIGKILL)
+        other.wait()
+    assert open_writer().finished == set(SUBJECTS), "a dead process holds no lock"
+
+
+def test_a_writer_that_is_refused_holds_no_lock(whole, open_writer):
+    with pytest.raises(DatasetError, match="another configuration") as kept:
+        open_writer(config={})
+    assert open_writer().finished == set(SUBJECTS), kept
 
 
 def test_a_torn_last_line_is_ignored_by_readers(whole):
@@ -162,6 +271,27 @@ def test_a_broken_line_in_the_middle_is_named(whole):
     lines[2] = lines[2][:40]
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(DatasetError, match="line 3 is no JSON object; remove the line"):
+        Dataset(whole)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("bytes", "9"),
+        ("bytes", -1),
+        ("seconds", float("nan")),
+        ("sha256", None),
+        ("licence", []),
+        ("versions", "1"),
+        ("split", "val"),
+    ],
+)
+def test_a_manifest_s_line_of_other_types_is_named(whole, key, value):
+    path = whole / "manifest.jsonl"
+    first, *rest = path.read_text().splitlines()
+    first = json.dumps({**json.loads(first), key: value})
+    path.write_text("\n".join([first, *rest]) + "\n")
+    with pytest.raises(DatasetError, match=f"line 1: {key} is .*; remove the line and build again"):
         Dataset(whole)
 
 
@@ -181,7 +311,7 @@ def test_a_path_in_meta_stays_in_the_folder(whole):
             dataset.path(path)
 
 
-def test_another_configuration_is_refused_by_its_keys(whole):
+def test_another_configuration_is_refused_by_its_keys(whole, open_writer):
     other = {"camera": {"pixel_size": 0.004}, "views": 3, "tags": ["b"]}
     with pytest.raises(DatasetError) as caught:
         open_writer(whole, other)
@@ -194,7 +324,7 @@ def test_another_configuration_is_refused_by_its_keys(whole):
     assert open_writer(whole, dict(reversed(CONFIG.items()))).finished == set(SUBJECTS)
 
 
-def test_a_folder_of_other_things_is_refused_and_left_alone(folder):
+def test_a_folder_of_other_things_is_refused_and_left_alone(folder, open_writer):
     folder.mkdir()
     (folder / "thesis.tex").write_text("x")
     with pytest.raises(DatasetError, match=r"is not empty and holds no dataset\.json"):
@@ -206,12 +336,13 @@ def test_a_folder_of_other_things_is_refused_and_left_alone(folder):
         Dataset(folder)
 
 
-def test_a_build_killed_at_its_very_start_can_begin_again(folder):
+def test_a_build_killed_at_its_very_start_can_begin_again(folder, open_writer):
     folder.mkdir()
     (folder / ".dataset.json.host.1.tmp").write_text("{")
+    (folder / ".lock").touch()
     writer = open_writer(folder)
     writer.finish()
-    assert not list(folder.glob(".*"))
+    assert [path.name for path in folder.glob(".*")] == [".lock"]
     assert Dataset(folder).subjects() == []
 
 
@@ -222,29 +353,28 @@ def test_another_schema_is_refused(whole):
         Dataset(whole)
 
 
-def test_failures_are_listed_and_cleared_when_tried_again(folder, arrays, meta):
+def test_failures_are_listed_and_cleared_when_tried_again(folder, open_writer, add):
     writer = open_writer(folder)
     writer.fail("c", "render", "the mesh has no faces")
     writer.fail("b", "subjects", "missing")
-    add(writer, "a", arrays, meta)
+    add(writer, "a")
     writer.finish()
     assert [f["subject"] for f in Dataset(folder).failures] == ["b", "c"]
     assert Dataset(folder).description["counts"]["failures"] == 2
     writer = open_writer(folder)
-    assert writer.failed == frozenset()
     assert Dataset(folder).failures == []
-    add(writer, "b", arrays, meta)
+    add(writer, "b")
     writer.fail("c", "render", "again")
     writer.finish()
     assert Dataset(folder).failures == [{"subject": "c", "stage": "render", "reason": "again"}]
 
 
-def test_only_planned_subjects_with_good_names(folder):
+def test_only_planned_subjects_with_good_names(folder, open_writer):
     writer = open_writer(folder)
     for call in (
         lambda: writer.fail("z", "render", "x"),
         lambda: writer.shard_path("z"),
-        lambda: writer.add("z", 1, "", 1.0, "", {}),
+        lambda: writer.add("z", 1, "", 1.0, ""),
     ):
         with pytest.raises(DatasetError, match="'z' is not planned"):
             call()

@@ -66,6 +66,9 @@ def test_unknown_members_and_wrong_byte_order_are_refused(arrays):
         ("dropped_pixels", [0, 0, -1], "not one count for each of 3 views"),
         ("sensor", "kinect", "which is no dict"),
         ("seed", "7", "which is no int"),
+        ("seed", 10**400, "meta.seed is 1000*, which is no finite number"),
+        ("light", {"power": float("inf")}, "meta.light.power is inf, which is no finite number"),
+        ("extra", [{"deep": [float("nan")]}], r"meta.extra.deep is nan, which is no finite number"),
     ],
 )
 def test_meta_is_refused_by_key(meta, key, value, message):

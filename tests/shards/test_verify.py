@@ -180,6 +180,27 @@ def camera_of_nan(arrays, meta):
     arrays["camera_to_world"][2, 0, 3] = np.nan
 
 
+def yaw_of_nan(arrays, meta):
+    arrays["yaw_deg"] = arrays["yaw_deg"].copy()
+    arrays["yaw_deg"][1] = np.nan
+
+
+def camera_far_away(arrays, meta):
+    arrays["camera_to_world"][1, 0, 3] = 1e308
+
+
+def depth_of_nan(arrays, meta):
+    arrays["depth_front"][0][arrays["mask"][0]] = np.nan
+
+
+def sensor_of_nan(arrays, meta):
+    arrays["depth_sensor"][0][arrays["mask"][0]] = np.nan
+
+
+def subject_at_the_end_of_the_world(arrays, meta):
+    meta["mesh_to_world"][0][3] = 1e300
+
+
 def wrong_scale(arrays, meta):
     meta["mesh_to_world"][0][0] = meta["mesh_to_world"][1][1] = meta["mesh_to_world"][2][2] = 0.0101
 
@@ -209,11 +230,17 @@ def wrong_scale(arrays, meta):
         (half_a_body, "box view 0: the body's front and back silhouettes differ in 1 pixels"),
         (body_without_a_mesh, "box view 0: body_depth_front is not 0, but meta.body is null"),
         (many_dropped, "box view 1: 5 pixels dropped"),
-        (wrong_mesh_hash, "box: .*box.obj has another sha256 than meta.mesh_sha256"),
-        (missing_mesh, "box: meta.mesh cannot be cast: .*other.obj"),
+        (wrong_mesh_hash, "box: .*box.obj has another sha256 .* run the build again"),
+        (missing_mesh, "box: meta.mesh: .*other.obj is missing; run the build again"),
         (subject_elsewhere, "box view 0: the subject leaves the frame"),
         (empty_view, "box view 1: mask is empty"),
         (camera_of_nan, "box view 2: camera_to_world or yaw_deg is not finite"),
+        (yaw_of_nan, "box view 1: camera_to_world or yaw_deg is not finite"),
+        (camera_far_away, "box view 1: camera_to_world disagrees with yaw_deg"),
+        (depth_of_nan, "box view 0: depth_front is not finite everywhere"),
+        (depth_of_nan, "box view 0: depth_front is off by nan mm"),
+        (sensor_of_nan, "box view 0: depth_sensor is not finite everywhere"),
+        (subject_at_the_end_of_the_world, "box: meta.mesh: .*has vertices that are not finite"),
         (wrong_scale, "box view 0: depth_front is off by"),
     ],
 )
@@ -273,7 +300,7 @@ def test_missing_and_torn_shards_are_breaches(build, arrays, meta):
     path = folder / "shards" / "box.npz"
     path.write_bytes(path.read_bytes()[:-100])
     breaches = verify(folder).breaches
-    assert "the manifest says" in breaches[0]
+    assert re.search("the manifest says .*; run the build again", breaches[0])
     assert "is no whole shard" in breaches[1]
     path.unlink()
     assert "box.npz is missing" in verify(folder).breaches[0]
@@ -302,11 +329,91 @@ def test_a_folder_that_is_no_dataset_is_an_error(tmp_path):
         verify(tmp_path)
 
 
-def test_fewer_views_are_cast_when_asked(build, arrays, meta):
-    shift_depth(arrays, meta)  # in view 1 of 0, 1, 2
+def test_too_many_pixels_on_an_edge_are_a_breach(build, arrays, meta, monkeypatch):
+    """With a reach of a pixel whatever is wrong lies on an edge: no hiding place."""
+    shift_one_pixel_sideways(arrays, meta)
+    monkeypatch.setattr("shards.verify._PROBES", 0.02 * np.array([[1, 0], [-1, 0]]))
+    report = verify(build(arrays, meta))
+    assert report.figures["box"]["mask_off"] == 0
+    for name in ("mask", "the body's silhouette"):
+        found = [line for line in report.breaches if f"view 0: {name} differs" in line]
+        assert found
+        assert "pixels on an edge" in found[0]
+
+
+def test_a_record_of_failure_that_is_none_is_a_breach(build, arrays, meta):
     folder = build(arrays, meta)
-    assert not verify(folder).ok
-    assert verify(folder, views=2).ok, "views 0 and 2 are sound"
+    for line in ('{"a": 1}', '{"subject": 5, "stage": "render", "reason": "r"}', "[]", "{"):
+        (folder / "failures.jsonl").write_text(line + "\n")
+        (breach,) = verify(folder).breaches
+        assert "failures.jsonl line 1 is no" in breach
+        assert "remove the line and build again" in breach
+
+
+def test_other_versions_in_the_manifest_are_a_breach(build, arrays, meta):
+    folder = build(arrays, meta)
+    path = folder / "manifest.jsonl"
+    path.write_text(path.read_text().replace(np.__version__, "0"))
+    (breach,) = verify(folder).breaches
+    assert "different versions; run the build again" in breach
+
+
+def test_a_document_that_breaks_off_is_an_error(build, arrays, meta):
+    path = build(arrays, meta) / "dataset.json"
+    document = json.loads(path.read_text())
+    for key, value in (("counts", {}), ("counts", {"planned": "1"}), ("splits", {"train": [[]]})):
+        broken = {**document, "rectoverso": {**document["rectoverso"], key: value}}
+        path.write_text(json.dumps(broken))
+        with pytest.raises(DatasetError, match="is no dataset's"):
+            verify(path.parent)
+
+
+def faces_from(number):
+    return f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf {number} 2 3\n".encode()
+
+
+DAMAGED = {
+    "empty.glb": b"",
+    "cut.glb": b"glTF\2\0\0\0",
+    "cut.ply": b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n",
+    "index.ply": b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    b"property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    b"0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n",
+    "empty.stl": b"",
+    "unknown.xyz": b"0 0 0",
+    "empty.obj": b"",
+    "points.obj": b"v 0 0 0\nv 1 0 0\n",
+    "short.obj": b"v 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    "word.obj": b"v 0 x 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    "nan.obj": b"v 0 nan 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    "zero.obj": faces_from(0),
+    "past.obj": faces_from(4),
+    "before.obj": faces_from(-4),
+    "corner.obj": faces_from("1//a"),
+    "huge.obj": faces_from(10**30),
+    "normal.obj": faces_from("1//1"),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+@pytest.mark.parametrize("key", ["mesh", "body"])
+def test_a_damaged_surface_is_a_breach_with_a_cure(build, arrays, meta, key, name):
+    meta[key] = f"subjects/{name}"
+    folder = build(arrays, meta)
+    (folder / "subjects" / name).write_bytes(DAMAGED[name])
+    (breach,) = [line for line in verify(folder).breaches if "sha256" not in line]
+    assert breach.startswith(f"box: meta.{key}: {folder / 'subjects' / name} ")
+    assert breach.endswith("; delete the file and run the build again")
+    assert "\n" not in breach
+
+
+def test_a_lost_surface_is_a_breach_with_a_cure(build, arrays, meta):
+    folder = build(arrays, meta)
+    for name in ("box.obj", "body.obj"):
+        (folder / "subjects" / name).unlink()
+    breaches = verify(folder).breaches
+    assert len(breaches) == 2
+    assert all(line.endswith("is missing; run the build again") for line in breaches)
 
 
 @pytest.fixture
