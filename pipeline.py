@@ -90,6 +90,12 @@ _WORDS = {
     "typing.Literal": "one of ",
     "list[float]": "a list of numbers",
     "PositiveInt": "a whole number above 0",
+    "a tuple": "a list of three numbers, such as [0.3, 0.5, 0]",
+    "tuple": "a list of three numbers, such as [0.3, 0.5, 0]",
+    "are required: build.": "are required: --",
+    "are required: verify.": "are required: ",
+    "Does not validate against any of the Union subtypes": "is none of what it may be",
+    '"<unicode string>", ': "",
 }
 
 
@@ -103,6 +109,7 @@ def _cure(message: str, parser: ArgumentParser | None) -> str:
         kinds = kinds.replace("<class 'NoneType'>", "null").replace("NoneType", "null")
         message = f"{union[1]}: expected {kinds.replace(', ', ' or ')}, got {union[3]}"
     message = re.sub(r"Expected an? (.*?)\. Got value: (.*)", r"expected \1, got \2", message)
+    message = re.sub(r"Expected a dot import path string: (\S+)", r"\1 is no source", message)
     message = re.sub(r"<class '(?:\w+\.)*(\w+)'>", lambda m: _TYPES.get(m[1], m[1]), message)
     for said, meant in _WORDS.items():
         message = message.replace(said, meant)
@@ -115,10 +122,11 @@ def _suggestion(message: str, parser: ArgumentParser) -> str:
     """What to write instead, where that can be told."""
     unknown = re.search(r"[oO]ption '([\w.]+)'|unrecognized arguments: --(?:\w+\.)*(\w+)", message)
     if unknown:
-        keys = {key for action in parser._actions for key in action.dest.split(".")}
-        near = difflib.get_close_matches(unknown[1] or unknown[2], sorted(keys), n=1)
+        keys = {action.dest.split(".")[-1] for action in parser._actions}
+        wrong = (unknown[1] or unknown[2]).split(".")[-1]
+        near = difflib.get_close_matches(wrong, sorted(keys), n=1)
         return f"; did you mean {near[0]}?" if near else ""
-    if "dot import path" in message:
+    if "is no source" in message:
         from engine.config import SOURCES
 
         return f"; known: {', '.join(source.__name__ for source in SOURCES)}"
@@ -155,6 +163,7 @@ def _add_build(parser: ArgumentParser) -> None:
         "--jobs", type=PositiveInt | None, help="worker processes (default: one per processor)"
     )
     parser.add_class_arguments(BuildConfig)
+    parser.epilog = "The options of a source: --subjects.help OpenHumans, --subjects.help Scans."
 
 
 def _build(parser: ArgumentParser, parsed: Any) -> int:
@@ -169,7 +178,8 @@ def _build(parser: ArgumentParser, parsed: Any) -> int:
         made = parser.instantiate(parsed).build
         config = BuildConfig(**{name: made[name] for name in names})
         writer = open_build(config, record, Path(given["output"]))
-    return DONE if build(config, writer, given["jobs"]) else FAILURES
+    with writer:
+        return DONE if build(config, writer, given["jobs"]) else FAILURES
 
 
 def _add_verify(parser: ArgumentParser) -> None:
@@ -192,6 +202,8 @@ def _verify(parser: ArgumentParser, parsed: Any) -> int:
 
 
 if __name__ == "__main__":
+    # The workers' clean-up helper has nothing to tell a user who pressed Ctrl-C.
+    os.environ["PYTHONWARNINGS"] = "ignore:resource_tracker"
     # The checkout is the package: workers find it wherever the command was called from.
     os.environ["PYTHONPATH"] = os.pathsep.join(
         filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")])

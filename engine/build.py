@@ -16,7 +16,7 @@ from engine.tasks import ShardResult, Task, make_shard, make_subject, versions
 from engine.workers import WorkerDiedError, cpu_count, run
 from render.camera import FrameError
 from render.capture import CaptureError
-from shards.dataset import DatasetWriter
+from shards.dataset import SHARDS, DatasetWriter
 from subjects.mesh import MeshError
 
 
@@ -27,11 +27,17 @@ def open_build(config: BuildConfig, record: dict[str, Any], output: Path) -> Dat
         record: the configuration as plain JSON values, for the dataset to keep.
 
     Raises:
-        ValueError: the source has no subjects, or `output` holds or disturbs something else.
-        OSError: `output` cannot be written.
+        ValueError: the source has no subjects, or `output` cannot be written, or
+            holds or disturbs something else.
     """
     config.subjects.refuse_output(output)
-    return DatasetWriter(output, record, config.subjects.ids(), config.seed, versions(config))
+    planned = config.subjects.ids()
+    try:
+        return DatasetWriter(output, record, planned, config.seed, versions(config))
+    except OSError as error:
+        raise ValueError(
+            f"output '{output}' cannot be written ({error.strerror}); choose another folder"
+        ) from error
 
 
 def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
@@ -45,14 +51,25 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
     if len(missing) < len(writer.planned):
         stand = len(writer.planned) - len(missing)
         print(f"{stand} of {len(writer.planned)} shards stand already", file=sys.stderr)
+    if writer.unplanned:
+        print(
+            f"no longer part of the dataset: {', '.join(writer.unplanned)} "
+            f"(their files in {writer.folder / SHARDS} may go)",
+            file=sys.stderr,
+        )
     workers = max(1, min(jobs or cpu_count(), len(missing)))
     threads = max(1, cpu_count() // workers)
+    views = config.views.total
+    if missing:
+        print(f"{len(missing)} subjects of {views} views, {workers} workers", file=sys.stderr)
+        wait = config.subjects.preparation()
+        if wait is not None:
+            print(wait, file=sys.stderr)
     dataset = writer.folder.resolve()
     tasks = [
         Task(subject, dataset, writer.shard_path(subject).resolve(), config, threads)
         for subject in missing
     ]
-    views = config.views.total
     made = _stage("subjects", make_subject, tasks, workers, writer)
     rendered = _stage("render", make_shard, made, workers, writer, views)
     writer.finish()

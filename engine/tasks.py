@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import platform
@@ -22,6 +21,7 @@ from render.camera import place_camera
 from render.capture import Capture, capture
 from shards.archive import write_shard
 from shards.atomic import atomic_write
+from shards.checksum import file_sha256
 from shards.schema import SCHEMA_VERSION
 from subjects.subject import Subject
 
@@ -65,12 +65,17 @@ def subject_folder(dataset: Path, subject: str) -> Path:
 def make_subject(task: Task) -> None:
     """Make the subject's files and, last of all, the record that says they are whole."""
     folder = subject_folder(task.dataset, task.subject)
-    if _is_whole(folder):
+    recipe = _recipe(task.config)
+    if _is_whole(folder, recipe):
         return
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     subject = task.config.subjects.make(task.subject, task.config.seed, folder)
-    record = {"sha256": subject.content_sha256(), "subject": subject.to_json(folder)}
+    record = {
+        "recipe": recipe,
+        "sha256": subject.content_sha256(),
+        "subject": subject.to_json(folder),
+    }
     # A record says that the files are whole: they reach the disk before it does.
     for path in folder.iterdir():
         with path.open("rb") as file:
@@ -79,16 +84,23 @@ def make_subject(task: Task) -> None:
         file.write(json.dumps(record, indent=1, sort_keys=True).encode() + b"\n")
 
 
-def read_record(folder: Path) -> tuple[Subject, str]:
-    """The subject that `make_subject` left in `folder`, and the checksum of its content."""
+def _recipe(config: BuildConfig) -> str:
+    """What a subject's files depend on, as text: other files than these are made again."""
+    source = config.subjects
+    return repr((type(source).__name__, source, config.seed, sorted(versions(config).items())))
+
+
+def read_subject(folder: Path) -> Subject:
+    """The subject that `make_subject` left in `folder`."""
     record = json.loads((folder / RECORD).read_text())
-    return Subject.from_json(record["subject"], folder), record["sha256"]
+    return Subject.from_json(record["subject"], folder)
 
 
-def _is_whole(folder: Path) -> bool:
+def _is_whole(folder: Path, recipe: str) -> bool:
     try:
-        subject, sha256 = read_record(folder)
-        return subject.content_sha256() == sha256
+        record = json.loads((folder / RECORD).read_text())
+        made = Subject.from_json(record["subject"], folder)
+        return record["recipe"] == recipe and record["sha256"] == made.content_sha256()
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
@@ -98,7 +110,7 @@ def make_shard(task: Task) -> ShardResult:
     start = time.monotonic()
     config = task.config
     folder = subject_folder(task.dataset, task.subject)
-    subject, _ = read_record(folder)
+    subject = read_subject(folder)
     surface, body = subject.surface(), subject.body_surface()
     camera = place_camera(
         config.camera,
@@ -122,7 +134,7 @@ def make_shard(task: Task) -> ShardResult:
         "licence": subject.licence,
         "mesh": subject.mesh.relative_to(task.dataset).as_posix(),
         "mesh_to_world": subject.mesh_to_world.tolist(),
-        "mesh_sha256": _sha256(subject.mesh),
+        "mesh_sha256": file_sha256(subject.mesh),
         "flip_faces": subject.flip_faces,
         "body": subject.body.relative_to(task.dataset).as_posix() if subject.body else None,
         "body_parameters": subject.body_parameters,
@@ -176,11 +188,6 @@ def _members(
         members["radiance_front"] = seen.radiance_front.astype(np.float16)
         members["radiance_back"] = seen.radiance_back.astype(np.float16)
     return members
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def versions(config: BuildConfig) -> dict[str, str]:

@@ -53,6 +53,10 @@ class DatasetWriter:
     `add` returns. Whatever else lies on the disk is ignored and made again, and so are shards
     made by other versions and those whose surface is missing or was changed since.
 
+    Attributes:
+        unplanned: subjects that the manifest listed and that are not to be made any more; their
+            shards stay on the disk and belong to no dataset.
+
     Args:
         folder: the dataset's; made if missing.
         config: JSON-ready, all that the bytes of the shards depend on.
@@ -202,16 +206,21 @@ class DatasetWriter:
 
     def _take_up(self) -> None:
         """Make the folder, or read what an earlier writer left in it."""
-        if (self.folder / DOCUMENT).exists():
+        document = self.folder / DOCUMENT
+        started = document.exists() and bool(read_manifest(self.folder / MANIFEST))
+        if started:
             self._refuse_other_config(_read_block(self.folder))
         else:
-            # First of all files, so that a build killed at any later instant finds its own.
+            # First of all files, so that a build killed at any later instant finds its own. One
+            # that has no shard yet may still change its mind about the configuration.
             self._write_descriptions()
         for name in (SHARDS, SUBJECTS):
             (self.folder / name).mkdir(exist_ok=True)
+        listed = read_manifest(self.folder / MANIFEST)
+        self.unplanned = sorted(listed.keys() - self.splits.keys())
         self._entries = {
             subject: replace(entry, split=self.splits[subject])
-            for subject, entry in read_manifest(self.folder / MANIFEST).items()
+            for subject, entry in listed.items()
             if subject in self.splits and self._is_whole(entry)
         }
         # Every planned subject that is not finished is tried again: its failures are of the past.

@@ -21,8 +21,11 @@ Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 METRES = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Metres per unit of length."""
 
-HEIGHTS = (0.3, 3.0)
+HEIGHTS = (0.5, 3.0)
 """Metres that a person's scan may be high, crouching child to giant; else the unit is wrong."""
+
+WIDEST = 2.5
+"""Times its height that a person's scan may be wide or deep; else another axis is up."""
 
 BODY = "body.obj"
 """The file beside a scan that holds its parametric body, in letters of either case."""
@@ -179,6 +182,12 @@ class Scans(Source):
             raise MeshError(
                 f"is {height:.4g} m high, no person's height; "
                 f"correct subjects unit: {self.unit} (or up: {self.up})"
+            )
+        span = float((highest - lowest)[[0, 2]].max())
+        if span > WIDEST * height:
+            raise MeshError(
+                f"is {height:.2f} m high and {span:.2f} m across: it seems to lie; "
+                f"correct subjects up: {self.up}"
             )
         middle = (lowest + highest) / 2
         mesh_to_world[:3, 3] = -middle[0], -lowest[1], -middle[2]

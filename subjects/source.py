@@ -36,3 +36,7 @@ class Source(ABC):
 
     def refuse_output(self, output: Path) -> None:  # noqa: B027
         """Raise ValueError where a dataset at `output` would disturb the source."""
+
+    def preparation(self) -> str | None:
+        """What the first subject has to wait for, if anything: one line for the user."""
+        return None

@@ -275,6 +275,19 @@ def test_bad_subjects_are_set_aside_and_the_others_built(tmp_path):
     assert pipeline("verify", tmp_path / "data").returncode == 0
 
 
+def test_a_scan_that_went_is_named_and_a_first_mistake_locks_nothing(tmp_path):
+    config = scans(tmp_path, 2)
+    call = ("build", "--config", config, "--output", tmp_path / "data", "--cycles.samples", 1)
+    # Two people 17 km high: nothing is built, and the correction goes into the same folder.
+    assert pipeline(*call, "--subjects.unit", "m").returncode == 1
+    assert pipeline(*call).returncode == 0
+    (tmp_path / "scans" / "s0.glb").unlink()
+    result = pipeline(*call)
+    assert result.returncode == 0
+    assert "no longer part of the dataset: s0" in result.stderr
+    assert list(checksums(tmp_path / "data")) == ["s1"]
+
+
 def test_fit_holds_the_giant(tmp_path):
     (tmp_path / "scans").mkdir()
     write_scan(tmp_path / "scans" / "giant.glb", seed=3, height=2.6)
@@ -288,7 +301,7 @@ def test_fit_holds_the_giant(tmp_path):
     ("changes", "words"),
     [
         ({"camera": {"pixel_sise": 0.01}}, ["camera", "pixel_sise", "pixel_size"]),
-        ({"camera": {"rows": "many"}}, ["camera.rows", "int", "many"]),
+        ({"camera": {"rows": "many"}}, ["camera.rows", "whole number", "many", "424"]),
         ({"camera": {"pixel_size": -1}}, ["camera.pixel_size", "0.005"]),
         ({"views": {"count": 0}}, ["views.count", "14"]),
         ({"colour": 3}, ["colour"]),
@@ -315,7 +328,8 @@ def test_wrong_calls_are_one_line_and_status_two(tmp_path):
     for result, word in (
         (missing, "none.yaml"),
         (pipeline("build", "--config", torn, "--output", tmp_path / "d"), "torn.yaml"),
-        (pipeline("build"), "output"),
+        (pipeline("build"), "--output"),
+        (pipeline("build", "--output", "/proc/none"), "cannot be written"),
         (pipeline("verify", tmp_path / "none"), "none"),
         (pipeline("verify"), "data"),
         (pipeline("paint"), "paint"),

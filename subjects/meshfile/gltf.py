@@ -31,6 +31,9 @@ def read_gltf(data: bytes, folder: Folder) -> dict[str, Any]:
 
 def read_glb(data: bytes, folder: Folder) -> dict[str, Any]:
     """The geometries of a .glb file as trimesh gives them, each with its "material"."""
+    (whole,) = struct.unpack_from("<I", data, 8)
+    if len(data) < whole:
+        raise MeshError(f"is truncated ({len(data)} of {whole} bytes); copy it again")
     (length,) = struct.unpack_from("<I", data, 12)
     _check(json.loads(data[20 : 20 + length]), data[28 + length :], folder)
     return _with_materials(load_glb(io.BytesIO(data), folder))

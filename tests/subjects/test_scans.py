@@ -177,6 +177,17 @@ class TestPlacement:
         assert highest[1] - lowest[1] == pytest.approx(1.8, rel=1e-6)
         assert lowest[1] == pytest.approx(0, abs=1e-6)
 
+    def test_a_person_that_lies_has_another_axis_up(self, tmp_path: Path) -> None:
+        mesh = person()
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+        mesh.apply_scale(
+            [1.0, 1.5, 1.0]
+        )  # as deep as a person is broad: its height alone does not tell
+        path = export(mesh, tmp_path / "p.ply")
+        with pytest.raises(MeshError) as error:
+            scans(tmp_path).make("p", 0, tmp_path / "out")
+        one_line(error, path, "it seems to lie", "correct subjects up: y")
+
     @pytest.mark.parametrize(("unit", "height"), [("cm", "0.018 m"), (100.0, "180 m")])
     def test_wrong_unit(self, tmp_path: Path, unit: Any, height: str) -> None:
         path = export(person(), tmp_path / "p.ply")
