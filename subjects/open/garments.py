@@ -269,37 +269,76 @@ def fold_field(
     return height * np.tanh(result)
 
 
-def finished(piece: Piece, place: np.ndarray, limb: np.ndarray) -> tuple[Piece, Solid]:
-    """The garment with turned-in hems, and its outside as a solid for the next layer.
-
-    Args:
-        limb: (N,) bool, sleeves and trouser legs: their openings are closed towards the limb.
-    """
-    outside = Solid(piece.vertices, surface.normals(piece.vertices, piece.faces), place)
-    return surface.hemmed(piece, 0.003, rings=6, reach=np.where(limb, 0.05, 0.01)), outside
-
-
 def ramp(value: np.ndarray, start: float, end: float) -> np.ndarray:
     """Smooth 0 to 1 from `start` to `end`."""
     t = np.clip((value - start) / (end - start), 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
-def trousers(
-    outfit: Outfit, posed: np.ndarray, body: Solid, generator: np.random.Generator
-) -> tuple[Piece, Solid]:
-    """Trousers of the outfit's length and width over the posed body."""
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A garment as it is cut, before it lies on a body.
+
+    Attributes:
+        cloth: the pattern.
+        place: (N, 3) template coordinates.
+        gap: (N,) metres it keeps from what is under it.
+        folds: (N,) metres of painted folds, where no solver makes real ones.
+        rounds, smoothing: how `laid_over` spans it.
+        limb: (N,) bool, sleeves and trouser legs.
+        pin: (N,) 0 where it hangs free to 1 where a waistband or collar holds it.
+    """
+
+    cloth: Pattern
+    place: np.ndarray
+    gap: np.ndarray
+    folds: np.ndarray
+    rounds: int
+    smoothing: int
+    limb: np.ndarray
+    pin: np.ndarray
+
+    def laid(self, posed: np.ndarray, solid: Solid) -> np.ndarray:
+        """(N, 3) spanned over a solid, with its painted folds."""
+        return laid_over(
+            self.cloth, posed, self.gap, solid, self.folds, self.rounds, self.smoothing
+        ).vertices
+
+    def started(self, shape: np.ndarray, solid: Solid, more: float) -> np.ndarray:
+        """(N, 3) smooth over a solid, `more` metres further out than it need be."""
+        gap, flat = self.gap + more, np.zeros(len(self.gap))
+        return laid_over(self.cloth, shape, gap, solid, flat, 5, self.smoothing).vertices
+
+    def finished(self, vertices: np.ndarray, flange: float = 0.05) -> tuple[Piece, Solid]:
+        """The garment with turned-in hems, and its outside as a solid for the next layer.
+
+        Args:
+            flange: metres by which sleeves and trouser legs are closed towards the limb.
+        """
+        outside = Solid(vertices, surface.normals(vertices, self.cloth.faces), self.place)
+        piece = Piece(vertices, self.cloth.faces, self.cloth.uv)
+        reach = np.where(self.limb, flange, 0.01)
+        return surface.hemmed(piece, 0.003, rings=6, reach=reach), outside
+
+
+def trousers(outfit: Outfit, generator: np.random.Generator) -> Sheet:
+    """Trousers of the outfit's length and width."""
     _, place, arm = refined(TIGHTS, 2)
     cloth = pattern(TIGHTS, bottom_field(outfit, place, arm))
     place = cloth.matrix @ template().vertices
-    gap = 0.005 + outfit.leg_ease * ramp(place[:, 1], 0.05, -0.62)
-    folds = fold_field(generator, place, 70, 0.005) * ramp(place[:, 1], outfit.waist, 0.03)
-    return finished(laid_over(cloth, posed, gap, body, folds), place, place[:, 1] < -0.1)
+    return Sheet(
+        cloth,
+        place,
+        gap=0.005 + outfit.leg_ease * ramp(place[:, 1], 0.05, -0.62),
+        folds=fold_field(generator, place, 70, 0.005) * ramp(place[:, 1], outfit.waist, 0.03),
+        rounds=4,
+        smoothing=8,
+        limb=place[:, 1] < -0.1,
+        pin=waistband(outfit, place),
+    )
 
 
-def skirt(
-    outfit: Outfit, posed: np.ndarray, body: Solid, generator: np.random.Generator
-) -> tuple[Piece, Solid]:
+def skirt(outfit: Outfit, generator: np.random.Generator) -> Sheet:
     """A skirt from the skirt helper; folds run downwards and open towards the hem."""
     _, place, arm = refined(SKIRT, 2)
     cloth = pattern(SKIRT, bottom_field(outfit, place, arm))
@@ -310,15 +349,25 @@ def skirt(
         generator.uniform(0.3, 1.0) * np.cos(k * around + generator.uniform(0, 2 * np.pi))
         for k in (3, 5, 7, 9, 11)
     )
-    gap = 0.005 + 0.012 * down
-    piece = laid_over(cloth, posed, gap, body, 0.007 * waves * down, rounds=5, smoothing=14)
-    return finished(piece, place, np.zeros(len(place), dtype=bool))
+    return Sheet(
+        cloth,
+        place,
+        gap=0.005 + 0.012 * down,
+        folds=0.007 * waves * down,
+        rounds=5,
+        smoothing=14,
+        limb=np.zeros(len(place), dtype=bool),
+        pin=waistband(outfit, place),
+    )
 
 
-def top(
-    outfit: Outfit, posed: np.ndarray, inner: Solid, generator: np.random.Generator
-) -> tuple[Piece, Solid]:
-    """Shirt, blouse or jersey over the body and, untucked, over the waistband."""
+def waistband(outfit: Outfit, place: np.ndarray) -> np.ndarray:
+    """(N,) 1 in the band that holds trousers or a skirt, softly 0 below."""
+    return ramp(waist_height(outfit, place) - place[:, 1], 0.04, 0.015)
+
+
+def top(outfit: Outfit, generator: np.random.Generator) -> Sheet:
+    """Shirt, blouse or jersey; untucked it goes over the waistband."""
     _, place, arm = refined(TIGHTS, 2)
     cloth = pattern(TIGHTS, top_field(outfit, place, arm))
     place = cloth.matrix @ template().vertices
@@ -329,14 +378,25 @@ def top(
     sleeve = 0.005 + (0.5 * ease + 0.004) * ramp(end, 0.2, 1.0)
     gap = trunk + (sleeve - trunk) * ramp(arm, 0.2, 0.8)
     # A collar or neckband is a second layer of cloth.
-    band = ramp(neckline_field(place, outfit.neckline), -COLLAR_WIDTH, -COLLAR_WIDTH + 0.004)
+    neck = neckline_field(place, outfit.neckline)
+    band = ramp(neck, -COLLAR_WIDTH, -COLLAR_WIDTH + 0.004)
     gap = gap + np.where(arm > 0.5, 0.0, 0.003 * band)
-    calm = ramp(neckline_field(place, outfit.neckline), -0.02, -0.08)
-    folds = fold_field(generator, place, 80, 0.0045) * calm
-    # A loose top hangs straight from the chest; a tucked one follows the waist.
-    steps = 8 if outfit.tucked else 24
-    piece = laid_over(cloth, posed, gap, inner, folds, rounds=5, smoothing=steps)
-    return finished(piece, place, arm > 0.5)
+    calm = ramp(neck, -0.02, -0.08)
+    pin = np.where(arm > 0.5, 0.0, ramp(neck, -0.03, -0.01))
+    if outfit.tucked:
+        # What is tucked in is held by the waistband over it.
+        pin = np.maximum(pin, ramp(place[:, 1] - waist_height(outfit, place), 0.01, -0.01))
+    return Sheet(
+        cloth,
+        place,
+        gap,
+        folds=fold_field(generator, place, 80, 0.0045) * calm,
+        rounds=5,
+        # A loose top hangs straight from the chest; a tucked one follows the waist.
+        smoothing=8 if outfit.tucked else 24,
+        limb=arm > 0.5,
+        pin=pin,
+    )
 
 
 def shoe_last(rest: np.ndarray) -> np.ndarray:

@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 import seeds
 from subjects.mesh import MeshError
 from subjects.open import body, garments, hair, penetration, poses, surface, texture, wavefront
 from subjects.open.atlas import chart
+from subjects.open.drape import DrapeError
+from subjects.open.dressing import dress
 from subjects.open.garments import Solid
 from subjects.open.subdivision import refine, triangles
 from subjects.open.surface import Piece
@@ -29,6 +32,10 @@ CLEARANCE_STEP = 0.3
 DRESSED = 0.06
 """What soles and hair may add to a bare body's height, metres."""
 MATERIAL = "material0"
+DRAPES = 3
+"""Draws of pose and outfit, where the cloth of one tears or goes through the body."""
+SHAPES = 11
+"""Shapes that the body passes through on the way to its pose, while cloth is draped."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,17 +43,23 @@ class Posed:
     """A posed bare body and how it came about.
 
     Attributes:
-        vertices: (19158, 3) base mesh in the world frame, before it is set on the ground.
-        last: the same with the feet of the tights made into shoes.
+        shapes: (K, 19158, 3) base mesh in the world frame, before it is set on the ground, from
+            the reference pose (arms half raised) to the pose.
+        last: (19158, 3) the last of them with the feet of the tights made into shoes.
     """
 
     name: str
     pose: poses.Pose
-    vertices: np.ndarray
+    shapes: np.ndarray
     last: np.ndarray
     depth: float
     where: str
     attempts: int
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """(19158, 3) base mesh in the pose."""
+        return self.shapes[-1]
 
 
 def make_person(
@@ -58,6 +71,7 @@ def make_person(
     names: list[str],
     max_height: float,
     texture_size: int,
+    draped: bool,
 ) -> dict[str, Any]:
     """Write one human's files and return what parameters.json holds.
 
@@ -66,6 +80,7 @@ def make_person(
         names: of the poses to choose from.
         max_height: that the posed and dressed human may reach, metres.
         texture_size: side of the texture in pixels.
+        draped: whether the cloth solver drapes the clothes.
 
     Raises:
         MeshError: none of the poses suits the body.
@@ -73,14 +88,27 @@ def make_person(
     with _one_thread():
         age, phenotype = body.draw_phenotype(seeds.generator(seed, subject, "phenotype"), *ages)
         rest = body.rest_body(phenotype)
-        posed = draw_pose(names, max_height - DRESSED, subject, seed, rest)
-    outfit = garments.draw_outfit(
-        seeds.generator(seed, subject, "outfit"), posed.pose.skirt, phenotype["gender"]
-    )
-    look = texture.draw_look(seeds.generator(seed, subject, "look"), phenotype, age, outfit)
-    surface_of, ground = _dressed(
-        posed, outfit, look.hair_style, seeds.generator(seed, subject, "cloth")
-    )
+        reasons: list[str] = []
+        for attempt in range(DRAPES):
+            # The first draw has the plain names: draped or laid, it is the same person.
+            again = f" {attempt}" if attempt else ""
+
+            def draw(what: str, again: str = again) -> np.random.Generator:
+                return seeds.generator(seed, subject, what + again)
+
+            posed = draw_pose(names, max_height - DRESSED, subject, draw("pose"), rest)
+            outfit = garments.draw_outfit(draw("outfit"), posed.pose.skirt, phenotype["gender"])
+            look = texture.draw_look(draw("look"), phenotype, age, outfit)
+            try:
+                surface_of, ground, drapes = _dressed(
+                    posed, outfit, look.hair_style, draw("cloth"), draped
+                )
+            except DrapeError as error:
+                reasons.append(str(error))
+            else:
+                break
+        else:
+            raise MeshError(f"{subject}: no cloth stayed on in {DRAPES} draws ({reasons[-1]})")
     picture = texture.paint(look, outfit, texture_size, seeds.generator(seed, subject, "texture"))
     bare = posed.vertices - [0.0, ground, 0.0]
     skin = triangles(template().groups[BODY].quads)
@@ -108,6 +136,7 @@ def make_person(
             "draws": posed.attempts,
         },
         "outfit": outfit.as_json(),
+        "drapes": {"garments": drapes, "failed": reasons},
         "look": look.as_json(),
         "triangles": len(surface_of.faces),
         "seed": seed,
@@ -129,14 +158,17 @@ def _one_thread() -> Iterator[None]:
 
 
 def draw_pose(
-    names: list[str], max_height: float, subject: str, seed: int, rest: body.Rest
+    names: list[str],
+    max_height: float,
+    subject: str,
+    generator: np.random.Generator,
+    rest: body.Rest,
 ) -> Posed:
     """The first draw whose limbs stay out of each other, and which is low enough.
 
     Raises:
         MeshError: there is none.
     """
-    generator = seeds.generator(seed, subject, "pose")
     skin = np.unique(template().groups[BODY].quads)
     last = garments.shoe_last(rest.vertices)
     draws = 0
@@ -155,7 +187,8 @@ def draw_pose(
             depth, where = penetration.penetration(vertices)
             if depth <= penetration.ALLOWED:
                 shod = body.skin(last, transforms)
-                return Posed(str(name), drawn, vertices, shod, depth, where, draws)
+                shapes = np.array([*_approach(drawn, rest), vertices])
+                return Posed(str(name), drawn, shapes, shod, depth, where, draws)
             if "arm" in where:
                 arm_room += CLEARANCE_STEP
             else:
@@ -166,10 +199,26 @@ def draw_pose(
     )
 
 
+def _approach(pose: poses.Pose, rest: body.Rest) -> Iterator[np.ndarray]:
+    """Base meshes on the way from the reference pose to `pose`, each joint turning evenly."""
+    turns = {
+        bone: Rotation.from_matrix(matrix).as_rotvec()
+        for bone, matrix in poses.rotations(pose, rest).items()
+    }
+    for k in range(SHAPES - 1):
+        share = garments.ramp(np.array(k / (SHAPES - 1)), 0.0, 1.0)
+        partial = {bone: Rotation.from_rotvec(share * t).as_matrix() for bone, t in turns.items()}
+        yield body.skin(rest.vertices, body.bone_transforms(rest, partial))
+
+
 def _dressed(
-    posed: Posed, outfit: garments.Outfit, style: str, generator: np.random.Generator
-) -> tuple[Piece, float]:
-    """The whole surface with its lowest point at y = 0, and the height that was taken off."""
+    posed: Posed,
+    outfit: garments.Outfit,
+    style: str,
+    generator: np.random.Generator,
+    draped: bool,
+) -> tuple[Piece, float, list[dict[str, Any]]]:
+    """The whole surface with its lowest point at y = 0, what was taken off, and the drapes."""
     skin = template().groups[BODY]
     corners = np.concatenate([chart(BODY), skin.uv], axis=2)
     fine = refine(skin.quads, corners, len(template().vertices), 1)
@@ -179,13 +228,8 @@ def _dressed(
     normal = surface.normals(vertices, faces)
     bare = Solid(vertices, normal, place)
 
-    wear = garments.skirt if outfit.bottom == "skirt" else garments.trousers
-    if outfit.tucked:
-        upper, under = garments.top(outfit, posed.vertices, bare, generator)
-        lower, _ = wear(outfit, posed.vertices, garments.both(bare, under), generator)
-    else:
-        lower, under = wear(outfit, posed.vertices, bare, generator)
-        upper, _ = garments.top(outfit, posed.vertices, garments.both(bare, under), generator)
+    clothes, drapes = dress(outfit, posed.shapes, fine, generator, draped)
+    upper = clothes[0] if outfit.tucked else clothes[1]
     shoes = garments.shoes(outfit, posed.last, bare)
 
     uv = triangles(fine.corners)
@@ -208,7 +252,7 @@ def _dressed(
 
     hidden = garments.covered(outfit, place, garments.arm_share(fine.matrix))
     shown = ~hidden[faces].all(axis=1)
-    pieces = [Piece(haired, faces[shown], uv[shown][..., :2]), lower, upper, shoes]
+    pieces = [Piece(haired, faces[shown], uv[shown][..., :2]), *clothes, shoes]
     for eye in EYES:
         ball = template().groups[eye]
         round_ball = refine(ball.quads, chart(eye), len(template().vertices), 1)
@@ -222,7 +266,7 @@ def _dressed(
     pieces += hair.extras(style, scalp, around, generator)
     whole = surface.compact(surface.joined(pieces))
     ground = float(whole.vertices[:, 1].min())
-    return Piece(whole.vertices - [0.0, ground, 0.0], whole.faces, whole.uv), ground
+    return Piece(whole.vertices - [0.0, ground, 0.0], whole.faces, whole.uv), ground, drapes
 
 
 def _per_vertex(quads: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:

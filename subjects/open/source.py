@@ -6,7 +6,7 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from subjects.source import Source
 from subjects.subject import Subject
@@ -28,6 +28,8 @@ class OpenHumans(Source):
     """Oldest age in years."""
     max_height: float = 2.05
     """Metres that a posed human may reach, raised hands included; 2.05 fits the default frame."""
+    cloth: Literal["laid", "draped"] = "laid"
+    """`laid` over the pose in seconds, with painted folds; `draped` by Blender's cloth solver."""
     texture_size: int = 1024
     """Side of the square texture in pixels, 256 to 8192."""
     poses: list[str] | None = None
@@ -93,6 +95,7 @@ class OpenHumans(Source):
             names=list(self.poses or POSES),
             max_height=self.max_height,
             texture_size=self.texture_size,
+            draped=self.cloth == "draped",
         )
         (folder / "parameters.json").write_text(
             json.dumps(parameters, indent=1, sort_keys=True) + "\n", encoding="utf-8"

@@ -88,14 +88,38 @@ def pushed_out(
             arm hangs beside, because both places count in the search.
         solid: (M, 3) vertices, with their outward normals and template coordinates.
     """
-    tree = cKDTree(np.concatenate([solid, 0.6 * solid_place], axis=1))
-    _, near = tree.query(np.concatenate([vertices, 0.6 * place], axis=1), k=3)
-    height = ((vertices[:, None] - solid[near]) * solid_normals[near]).sum(axis=2)
+    height, near = _above(vertices, place, solid, solid_normals, solid_place)
     # The closest three share one tangent plane or disagree at a crease: the mean serves both.
     direction = solid_normals[near].mean(axis=1)
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-9)
-    lack = np.maximum(gap - height.min(axis=1), 0.0)
+    lack = np.maximum(gap - height, 0.0)
     return vertices + direction * lack[:, None]
+
+
+def sunk(
+    vertices: np.ndarray,
+    place: np.ndarray,
+    solid: np.ndarray,
+    solid_normals: np.ndarray,
+    solid_place: np.ndarray,
+) -> np.ndarray:
+    """(N,) metres that each vertex lies under a solid's surface; see `pushed_out`."""
+    height, _ = _above(vertices, place, solid, solid_normals, solid_place)
+    return np.maximum(-height, 0.0)
+
+
+def _above(
+    vertices: np.ndarray,
+    place: np.ndarray,
+    solid: np.ndarray,
+    solid_normals: np.ndarray,
+    solid_place: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) least height over the three nearest vertices' planes, and (N, 3) which they are."""
+    tree = cKDTree(np.concatenate([solid, 0.6 * solid_place], axis=1))
+    _, near = tree.query(np.concatenate([vertices, 0.6 * place], axis=1), k=3)
+    height = ((vertices[:, None] - solid[near]) * solid_normals[near]).sum(axis=2)
+    return height.min(axis=1), near
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +208,10 @@ def hemmed(piece: Piece, thickness: float, rings: int, reach: np.ndarray) -> Pie
     """
     n = len(piece.vertices)
     outward = normals(piece.vertices, piece.faces)
+    mean = averaging(piece.faces, n)
+    for _ in range(4):  # a crumpled hem is turned in as a whole
+        outward = 0.5 * outward + 0.5 * (mean @ outward)
+    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
     near = np.zeros(n, dtype=bool)
     near[_border(piece.faces, piece.uv)[0].ravel()] = True
     for _ in range(rings):
