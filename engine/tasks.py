@@ -77,7 +77,7 @@ def make_subject(task: Task) -> None:
         "subject": subject.to_json(folder),
     }
     # A record says that the files are whole: they reach the disk before it does.
-    for path in folder.iterdir():
+    for path in filter(Path.is_file, folder.rglob("*")):
         with path.open("rb") as file:
             os.fsync(file.fileno())
     with atomic_write(folder / RECORD) as file:

@@ -275,6 +275,24 @@ def test_bad_subjects_are_set_aside_and_the_others_built(tmp_path):
     assert pipeline("verify", tmp_path / "data").returncode == 0
 
 
+def test_a_texture_in_a_folder_below_the_scan_is_taken_along(tmp_path):
+    folder = tmp_path / "scans" / "anna"
+    (folder / "tex").mkdir(parents=True)
+    Image.new("RGB", (4, 4), (250, 0, 0)).save(folder / "tex" / "red.png")
+    (folder / "anna.mtl").write_text("newmtl m\nmap_Kd tex/red.png\n")
+    solid = trimesh.creation.box([50, 30, 170])
+    lines = ["mtllib anna.mtl", *("v {} {} {}".format(*v) for v in solid.vertices), "vt 0.5 0.5"]
+    lines += ["usemtl m", *("f {}/1 {}/1 {}/1".format(*(f + 1)) for f in solid.faces)]
+    (folder / "anna.obj").write_text("\n".join(lines) + "\n")
+    config = write_config(tmp_path, views={"yaw_deg": [0]})
+    result = pipeline("build", "--config", config, "--output", tmp_path / "data")
+    assert result.returncode == 0, result.stderr
+    with np.load(tmp_path / "data" / "shards" / "anna.npz") as shard:
+        color = shard["rgb_front"][shard["mask"]]
+    assert np.median(color[:, 0]) > 50
+    assert not color[:, 1:].any()
+
+
 def test_a_scan_that_went_is_named_and_a_first_mistake_locks_nothing(tmp_path):
     config = scans(tmp_path, 2)
     call = ("build", "--config", config, "--output", tmp_path / "data", "--cycles.samples", 1)

@@ -34,14 +34,14 @@ def dress(
     shapes: np.ndarray,
     skin: Refinement,
     generator: np.random.Generator,
-    draped: bool,
 ) -> tuple[list[Piece], list[dict[str, Any]]]:
     """The outfit's garments on a body.
 
     Args:
-        shapes: (K, 19158, 3) base mesh from the reference pose to the body's own.
+        shapes: (K, 19158, 3) base mesh from the reference pose to the body's own, for the solver
+            to drape cloth on the way; of one shape alone, the garments are laid over it with
+            painted folds.
         skin: the body's refinement, which the garments must stay outside of.
-        draped: by the cloth solver; else laid over the last shape with painted folds.
 
     Returns:
         the garments, and what became of each: JSON-ready.
@@ -52,7 +52,7 @@ def dress(
     bottom = garments.skirt if outfit.bottom == "skirt" else garments.trousers
     makers = (garments.top, bottom) if outfit.tucked else (bottom, garments.top)
     sheets = [make(outfit, generator) for make in makers]
-    if not draped:
+    if len(shapes) == 1:
         pieces, solid = [], _solid(skin, shapes[-1])
         for sheet in sheets:
             piece, outside = sheet.finished(sheet.laid(shapes[-1], solid))
@@ -73,8 +73,7 @@ def _draped(
         carried = np.stack([_carried(sheet, shape) for shape in shapes])
         goal = carried + (start - carried[0])
         layers.append(Layer(start, goal, sheet.cloth.faces, sheet.pin, material))
-        outside = Solid(start, surface.normals(start, sheet.cloth.faces), sheet.place)
-        solid = garments.both(solid, outside)
+        solid = garments.both(solid, sheet.outside(start))
 
     quads = template().groups[BODY].quads
     used, faces = np.unique(triangles(quads), return_inverse=True)

@@ -315,10 +315,13 @@ class Sheet:
         Args:
             flange: metres by which sleeves and trouser legs are closed towards the limb.
         """
-        outside = Solid(vertices, surface.normals(vertices, self.cloth.faces), self.place)
         piece = Piece(vertices, self.cloth.faces, self.cloth.uv)
         reach = np.where(self.limb, flange, 0.01)
-        return surface.hemmed(piece, 0.003, rings=6, reach=reach), outside
+        return surface.hemmed(piece, 0.003, rings=6, reach=reach), self.outside(vertices)
+
+    def outside(self, vertices: np.ndarray) -> Solid:
+        """The garment as a solid that the next layer must stay outside of."""
+        return Solid(vertices, surface.normals(vertices, self.cloth.faces), self.place)
 
 
 def trousers(outfit: Outfit, generator: np.random.Generator) -> Sheet:

@@ -43,23 +43,17 @@ class Posed:
     """A posed bare body and how it came about.
 
     Attributes:
-        shapes: (K, 19158, 3) base mesh in the world frame, before it is set on the ground, from
-            the reference pose (arms half raised) to the pose.
-        last: (19158, 3) the last of them with the feet of the tights made into shoes.
+        vertices: (19158, 3) base mesh in the world frame, before it is set on the ground.
+        last: the same with the feet of the tights made into shoes.
     """
 
     name: str
     pose: poses.Pose
-    shapes: np.ndarray
+    vertices: np.ndarray
     last: np.ndarray
     depth: float
     where: str
     attempts: int
-
-    @property
-    def vertices(self) -> np.ndarray:
-        """(19158, 3) base mesh in the pose."""
-        return self.shapes[-1]
 
 
 def make_person(
@@ -100,8 +94,9 @@ def make_person(
             outfit = garments.draw_outfit(draw("outfit"), posed.pose.skirt, phenotype["gender"])
             look = texture.draw_look(draw("look"), phenotype, age, outfit)
             try:
+                way = _approach(posed.pose, rest) if draped else ()
                 surface_of, ground, drapes = _dressed(
-                    posed, outfit, look.hair_style, draw("cloth"), draped
+                    posed, [*way, posed.vertices], outfit, look.hair_style, draw("cloth")
                 )
             except DrapeError as error:
                 reasons.append(str(error))
@@ -187,8 +182,7 @@ def draw_pose(
             depth, where = penetration.penetration(vertices)
             if depth <= penetration.ALLOWED:
                 shod = body.skin(last, transforms)
-                shapes = np.array([*_approach(drawn, rest), vertices])
-                return Posed(str(name), drawn, shapes, shod, depth, where, draws)
+                return Posed(str(name), drawn, vertices, shod, depth, where, draws)
             if "arm" in where:
                 arm_room += CLEARANCE_STEP
             else:
@@ -213,10 +207,10 @@ def _approach(pose: poses.Pose, rest: body.Rest) -> Iterator[np.ndarray]:
 
 def _dressed(
     posed: Posed,
+    shapes: list[np.ndarray],
     outfit: garments.Outfit,
     style: str,
     generator: np.random.Generator,
-    draped: bool,
 ) -> tuple[Piece, float, list[dict[str, Any]]]:
     """The whole surface with its lowest point at y = 0, what was taken off, and the drapes."""
     skin = template().groups[BODY]
@@ -228,7 +222,7 @@ def _dressed(
     normal = surface.normals(vertices, faces)
     bare = Solid(vertices, normal, place)
 
-    clothes, drapes = dress(outfit, posed.shapes, fine, generator, draped)
+    clothes, drapes = dress(outfit, np.array(shapes), fine, generator)
     upper = clothes[0] if outfit.tucked else clothes[1]
     shoes = garments.shoes(outfit, posed.last, bare)
 

@@ -288,7 +288,7 @@ def test_garments_cover_the_skin_under_them(rest: Any, pose: str) -> None:
     bare = garments.Solid(vertices, surface.normals(vertices, faces), place)
     generator = seeds.generator(SEED, "x", "cloth")
     assert not outfit.tucked  # the bottom is the inner garment then, and comes first
-    (lower, upper), _ = dress(outfit, posed.shapes, skin, generator, draped=False)
+    (lower, upper), _ = dress(outfit, posed.vertices[None], skin, generator)
     shoes = garments.shoes(outfit, posed.last, bare)
     # All the skin stays, so what pokes through would be seen; person.py takes it away.
     whole = [trimesh.Trimesh(vertices, faces, process=False)]
