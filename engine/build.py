@@ -12,10 +12,11 @@ from typing import Any
 
 from engine.config import BuildConfig
 from engine.progress import Progress
-from engine.tasks import ShardResult, Task, make_shard, make_subject, versions
+from engine.tasks import ShardResult, Task, make_shard, make_subject, subject_folder, versions
 from engine.workers import WorkerDiedError, cpu_count, run
 from render.camera import FrameError
 from render.capture import CaptureError
+from shards.atomic import atomic_write
 from shards.dataset import SHARDS, DatasetWriter
 from subjects.mesh import MeshError
 
@@ -66,6 +67,7 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
         if wait is not None:
             print(wait, file=sys.stderr)
     dataset = writer.folder.resolve()
+    _lay_papers(config, dataset)
     tasks = [
         Task(subject, dataset, writer.shard_path(subject).resolve(), config, threads)
         for subject in missing
@@ -83,6 +85,15 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
         + (f", see {writer.folder / 'failures.jsonl'}" if failures else "")
     )
     return failures == 0
+
+
+def _lay_papers(config: BuildConfig, dataset: Path) -> None:
+    """The source's licence and card, beside its subjects."""
+    for name, text in config.subjects.papers().items():
+        path = subject_folder(dataset, name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(path) as file:
+            file.write(text.encode())
 
 
 def _stage(

@@ -17,6 +17,7 @@ import seeds
 from augment.light import expose
 from augment.sensor import MODEL, sense
 from engine.config import BuildConfig
+from engine.memory import PeakMemory
 from render.camera import place_camera
 from render.capture import Capture, capture
 from shards.archive import write_shard
@@ -26,6 +27,8 @@ from shards.schema import SCHEMA_VERSION
 from subjects.subject import Subject
 
 RECORD = "subject.json"
+COST = "cost.json"
+"""What making a subject took: seconds and memory, which are no two times the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +73,16 @@ def make_subject(task: Task) -> None:
         return
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    subject = task.config.subjects.make(task.subject, task.config.seed, folder)
+    start = time.monotonic()
+    with PeakMemory() as peak:
+        subject = task.config.subjects.make(task.subject, task.config.seed, folder)
     record = {
         "recipe": recipe,
         "sha256": subject.content_sha256(),
         "subject": subject.to_json(folder),
     }
+    cost = {"seconds": round(time.monotonic() - start, 2), "peak_memory_mb": peak.megabytes}
+    (folder / COST).write_text(json.dumps(cost) + "\n", encoding="utf-8")
     # A record says that the files are whole: they reach the disk before it does.
     for path in filter(Path.is_file, folder.rglob("*")):
         with path.open("rb") as file:

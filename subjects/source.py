@@ -40,3 +40,7 @@ class Source(ABC):
     def preparation(self) -> str | None:
         """What the first subject has to wait for, if anything: one line for the user."""
         return None
+
+    def papers(self) -> dict[str, str]:
+        """What lies beside the subjects, file name -> text: a licence, a card."""
+        return {}

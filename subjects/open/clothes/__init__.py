@@ -1,0 +1,1 @@
+"""Clothes: what is worn, how it is cut, how it falls."""

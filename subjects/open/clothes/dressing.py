@@ -1,0 +1,257 @@
+"""Putting the clothes on: inner before outer, laid over the posed body or draped by the solver."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
+
+from subjects.open.base import surface
+from subjects.open.base.measure import through_share, winding_numbers
+from subjects.open.base.subdivision import Refinement, triangles
+from subjects.open.base.surface import Solid
+from subjects.open.base.template import BODY, template, weight_of
+from subjects.open.clothes import garments
+from subjects.open.clothes.drape import DrapeError, Layer, drape
+from subjects.open.clothes.outfit import Material, Outfit
+from subjects.open.clothes.sheet import Sheet, sheets
+from subjects.open.clothes.worn import Worn
+
+HAND = ("wrist", "finger", "metacarpal")
+FARTHEST = 0.026
+"""Metres a frame that a limb may move on the way into the pose, at its fastest."""
+FEWEST, MOST = 16, 40
+"""Frames of the way into the pose."""
+SETTLING = 8
+"""Frames in which coarse cloth then comes to rest."""
+FOLDING = 10
+"""Frames in which the fine cloth, over the body at rest, finds its folds."""
+COARSE_REACH, FINE_REACH = 0.010, 0.005
+"""Metres within which cloth feels what is under it; more where a limb moves fast."""
+COARSE_BENDING = 4.0
+"""Times the cloth's own stiffness against folding."""
+START_GAP = 0.008
+"""Metres by which cloth begins further out than it may end, clear of the solver's collisions."""
+LAYER_GAP = 0.004
+"""Metres that draped cloth keeps from what is under it, at the end."""
+GRAIN = 3
+"""Averaging steps against the grain that single vertices make in solved cloth."""
+HEM = 10
+"""More of them along the hems."""
+SPIKE = 0.0025
+"""Metres that a vertex may stand off its neighbours' mean."""
+FREED_GAP = 0.002
+"""Metres off the skin at which cloth is laid that was inside the body."""
+LARGEST_THROUGH = 0.005
+"""Share of a garment's area that may lie inside the body."""
+HIDING = 0.03
+"""Metres within which cloth hides what is under it for good."""
+
+
+def dress(
+    outfit: Outfit,
+    shapes: np.ndarray,
+    skin: Refinement,
+    generator: np.random.Generator,
+) -> tuple[list[Worn], list[dict[str, Any]]]:
+    """The outfit's garments on a body, from the innermost outwards.
+
+    Args:
+        shapes: (K, 19158, 3) base mesh from the reference pose to the body's own, for the solver
+            to drape cloth on the way; of one shape alone, the garments are laid over it with
+            painted folds.
+        skin: the body's refinement, which the garments must stay outside of.
+
+    Returns:
+        the garments, and what became of each: JSON-ready.
+
+    Raises:
+        DrapeError: the cloth tore, exploded, did not settle or went through the body.
+    """
+    coarse = sheets(outfit, generator)
+    fine = [sheet.finer() for sheet in coarse]
+    used, faces = _body()
+    bare, solid = _exposed(skin, shapes[-1]), _solid(skin, shapes[-1])
+    result = []
+    if len(shapes) == 1:
+        for sheet, _ in fine:
+            vertices = sheet.folded(sheet.laid(shapes[-1], solid), solid)
+            result.append(sheet.worn(_freed(sheet, vertices, shapes[-1], bare)))
+            solid = surface.both(solid, result[-1].solid)
+    else:
+        draped = _draped(coarse, fine, shapes, skin)
+        for (sheet, _), vertices in zip(fine, draped, strict=True):
+            vertices = _freed(sheet, _smooth(sheet, vertices, solid), shapes[-1], bare)
+            result.append(sheet.worn(vertices))
+            solid = surface.both(solid, result[-1].solid)
+
+    reports = []
+    for worn in result:
+        share = through_share(worn.vertices, worn.cloth.faces, shapes[-1][used], faces)
+        if share >= LARGEST_THROUGH:
+            raise DrapeError(f"{share:.1%} of the {worn.garment.kind} lies inside the body")
+        reports.append(
+            {
+                "garment": worn.garment.kind,
+                "material": worn.garment.material.name,
+                "soft_and_loose": worn.garment.material.soft and worn.garment.loose,
+                "through_share": round(share, 6),
+            }
+        )
+    return result, reports
+
+
+def _draped(
+    coarse: list[Sheet],
+    fine: list[tuple[Sheet, csr_matrix]],
+    shapes: np.ndarray,
+    skin: Refinement,
+) -> list[np.ndarray]:
+    """Coarse cloth goes along into the pose; fine cloth, begun where it came to rest, folds."""
+    layers, solid = [], _solid(skin, shapes[0])
+    for sheet in coarse:
+        start = sheet.laid(shapes[0], solid, START_GAP)
+        # Held cloth moves as the skin below it does.
+        carried = np.stack([sheet.carried(shape) for shape in shapes])
+        goal = carried + (start - carried[0])
+        layers.append(Layer(start, goal, start, sheet.cloth.faces, sheet.pin, _stiffer(sheet)))
+        solid = surface.both(solid, sheet.worn(start).solid)
+    used, faces = _body()
+    # Fingers would hook the hems that they pass.
+    hand = weight_of(HAND)[used] > 0.5
+    bare = faces[~hand[faces].any(axis=1)]
+    rested = drape(
+        layers,
+        shapes[:, used],
+        bare,
+        moving=_frames(shapes[:, used][:, ~hand]),
+        settling=SETTLING,
+        reach=COARSE_REACH,
+    )
+
+    finer, solid = [], _solid(skin, shapes[-1])
+    for (sheet, up), layer, vertices in zip(fine, layers, rested, strict=True):
+        gap = np.full(len(sheet.place), LAYER_GAP)
+        start = surface.pushed_out(up @ vertices, sheet.place, gap, solid)
+        finer.append(
+            replace(
+                layer,
+                material=sheet.garment.material,
+                start=start,
+                goal=start[None],
+                flat=up @ layer.flat,
+                faces=sheet.cloth.faces,
+                pin=sheet.pin,
+            )
+        )
+        solid = surface.both(solid, sheet.worn(start).solid)
+    return drape(finer, shapes[-1:, used], faces, moving=0, settling=FOLDING, reach=FINE_REACH)
+
+
+def _stiffer(sheet: Sheet) -> Material:
+    """What keeps coarse cloth from folding along its threads alone: fine cloth folds later."""
+    cloth = sheet.garment.material
+    return replace(cloth, bending=COARSE_BENDING * cloth.bending, slack=0.5 * cloth.slack)
+
+
+def _frames(shapes: np.ndarray) -> int:
+    """How many the body needs from its first shape (K, M, 3) to its last."""
+    step = np.linalg.norm(np.diff(shapes, axis=0), axis=2).max(axis=0)
+    fastest = float(np.quantile(step, 0.98)) * (len(shapes) - 1)
+    return int(np.clip(np.ceil(fastest / FARTHEST), FEWEST, MOST))
+
+
+def _smooth(sheet: Sheet, shape: np.ndarray, solid: Solid) -> np.ndarray:
+    """Solved cloth without the solver's grain and spikes, clear of what is under it."""
+    mean = surface.averaging(sheet.cloth.faces, len(shape))
+    for _ in range(GRAIN):
+        shape = 0.5 * shape + 0.5 * (mean @ shape)
+    # A hem is a doubled edge: it does not crumple as single threads do.
+    hem = surface.on_border(sheet.cloth.faces).astype(float)
+    for _ in range(2):
+        hem = np.maximum(hem, mean @ hem)
+    for _ in range(HEM):
+        shape = shape + 0.5 * np.minimum(hem, 1.0)[:, None] * (mean @ shape - shape)
+    for gap in (LAYER_GAP, LAYER_GAP, LAYER_GAP / 2):
+        shape = surface.pushed_out(
+            _ironed(shape, mean), sheet.place, np.full(len(shape), gap), solid
+        )
+    return shape
+
+
+def _freed(sheet: Sheet, shape: np.ndarray, body: np.ndarray, bare: Solid) -> np.ndarray:
+    """Cloth without what is still inside the body: laid on the skin of its own limb there.
+
+    A shirt's side that the arm came down on is inside the arm; it belongs on the trunk.
+    """
+    used, faces = _body()
+    mean = surface.averaging(sheet.cloth.faces, len(shape))
+    tree = cKDTree(np.concatenate([bare.vertices, 0.6 * bare.place], axis=1))
+    for rounds in (4, 4, 2, 0, 0):
+        centroids = shape[sheet.cloth.faces].mean(axis=1)
+        inside = winding_numbers(shape, body[used], faces) > 0
+        inside[sheet.cloth.faces[winding_numbers(centroids, body[used], faces) > 0].ravel()] = True
+        if not inside.any():
+            break
+        _, near = tree.query(np.concatenate([shape[inside], 0.6 * sheet.place[inside]], axis=1))
+        shape = shape.copy()
+        shape[inside] = bare.vertices[near] + FREED_GAP * bare.normals[near]
+        around = inside.astype(float)
+        for _ in range(3):
+            around = np.maximum(around, mean @ around)
+        for _ in range(rounds):
+            shape = shape + 0.5 * around[:, None] * (mean @ shape - shape)
+    return shape
+
+
+def _ironed(shape: np.ndarray, mean: csr_matrix) -> np.ndarray:
+    """Without the spikes that hard creases leave, and nothing else changed."""
+    for _ in range(8):
+        change = mean @ shape - shape
+        spike = np.clip(np.linalg.norm(change, axis=1) / SPIKE - 1, 0, 1)
+        for _ in range(2):  # its neighbourhood follows
+            spike = np.maximum(spike, mean @ spike)
+        shape = shape + 0.7 * spike[:, None] * change
+    return shape
+
+
+def hidden(
+    outfit: Outfit, place: np.ndarray, arm: np.ndarray, vertices: np.ndarray, over: list[Worn]
+) -> np.ndarray:
+    """(N,) bool: what lies close under garments, well inside their hems, and is never seen.
+
+    Args:
+        place: (N, 3) template coordinates of skin or of an inner garment, which follows arms by
+            `arm` (N,) and lies at `vertices` (N, 3).
+        over: the garments over it.
+    """
+    result = np.zeros(len(place), dtype=bool)
+    for worn in over:
+        under = garments.covered(outfit, worn.garment, place, arm)
+        distance, _ = cKDTree(worn.vertices).query(vertices[under], distance_upper_bound=HIDING)
+        result[under] |= np.isfinite(distance)
+    return result
+
+
+def _body() -> tuple[np.ndarray, np.ndarray]:
+    """The base mesh's indices that are the bare body, and its triangles of those."""
+    used, faces = np.unique(triangles(template().groups[BODY].quads), return_inverse=True)
+    return used, faces.reshape(-1, 3)
+
+
+def _solid(skin: Refinement, shape: np.ndarray) -> Solid:
+    vertices = skin.matrix @ shape
+    faces = triangles(skin.quads)
+    return Solid(vertices, surface.normals(vertices, faces), skin.matrix @ template().vertices)
+
+
+def _exposed(skin: Refinement, shape: np.ndarray) -> Solid:
+    """The skin that is not pressed against another limb: where there is room for cloth."""
+    used, faces = _body()
+    solid = _solid(skin, shape)
+    above = solid.vertices + 2 * FREED_GAP * solid.normals
+    free = winding_numbers(above, shape[used], faces) == 0
+    return Solid(solid.vertices[free], solid.normals[free], solid.place[free])

@@ -1,0 +1,173 @@
+"""The whole figure as one surface: skin, clothes with their trims, shoes, eyes, hair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from subjects.open import trims
+from subjects.open.base import surface
+from subjects.open.base.atlas import chart
+from subjects.open.base.measure import fold_angles
+from subjects.open.base.subdivision import Refinement, refine, triangles
+from subjects.open.base.surface import Piece, Solid
+from subjects.open.base.template import BODY, EYES, template
+from subjects.open.bodies.posed import Posed
+from subjects.open.clothes.dressing import dress, hidden
+from subjects.open.clothes.garments import arm_share, lapped
+from subjects.open.clothes.outfit import Outfit, Top
+from subjects.open.clothes.shoes import shoe_field, shoes
+from subjects.open.clothes.worn import Worn
+from subjects.open.hair import style as hair
+from subjects.open.hair.head import Head
+from subjects.open.texture import Look
+
+NECK, CHIN = 0.60, 0.62
+"""Template heights above which hair lies on the skin, and grows."""
+IN_SHOE = 0.012
+"""Metres under a shoe's rim from which the foot is not seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """A dressed human.
+
+    Attributes:
+        surface: everything to be seen, its lowest point at y = 0.
+        ground: metres that it was lowered by.
+        garments: what became of each garment, JSON-ready, from the innermost outwards.
+    """
+
+    surface: Piece
+    ground: float
+    garments: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """The bare body, refined once.
+
+    Attributes:
+        fine: its refinement; corners are atlas coordinates, then the base mesh's own.
+        faces: (F, 3) int.
+        solid: its vertices, normals and template coordinates.
+        arm: (N,) how much each vertex follows an arm.
+    """
+
+    fine: Refinement
+    faces: np.ndarray
+    solid: Solid
+    arm: np.ndarray
+
+
+def figure(
+    posed: Posed,
+    shapes: np.ndarray,
+    outfit: Outfit,
+    look: Look,
+    generator: np.random.Generator,
+) -> Figure:
+    """Dress a posed body.
+
+    Args:
+        shapes: (K, 19158, 3) see `dressing.dress`; the last is the posed body.
+
+    Raises:
+        DrapeError: see `dressing.dress`.
+    """
+    skin = _skin(posed.vertices)
+    clothes, reports = dress(outfit, shapes, skin.fine, generator)
+    haired, scalp = _haired(skin, look, generator)
+    around = Solid(haired, surface.normals(haired, skin.faces), skin.solid.place)
+    pieces = {"shoes": surface.joined(shoes(outfit.footwear, outfit.shoe, posed.last, skin.solid))}
+    for k, worn in enumerate(clothes):
+        under = hidden(outfit, worn.place, worn.arm, worn.vertices, clothes[k + 1 :])
+        trimmed = (
+            trims.of_top(worn, outfit, around)
+            if isinstance(worn.garment, Top)
+            else trims.of_bottom(worn, outfit)
+        )
+        pieces[worn.garment.kind] = worn.hemmed(under)
+        if trimmed:
+            pieces[f"trims of the {worn.garment.kind}"] = surface.joined(trimmed)
+    pieces["skin"] = _shown(skin, haired, outfit, clothes)
+    pieces["eyes"] = surface.joined([_eye(eye, posed.vertices) for eye in EYES])
+    above = [
+        piece
+        for name, piece in pieces.items()
+        for worn in clothes
+        if isinstance(worn.garment, Top) and name.endswith(worn.garment.kind)
+    ]
+    locks = hair.styled(
+        look.hair_style, look.headwear, Head(scalp, _under_hair(around, above)), generator
+    )
+    if locks:
+        pieces["hair"] = surface.joined(locks)
+
+    used, bare = np.unique(triangles(template().groups[BODY].quads), return_inverse=True)
+    folds = fold_angles(pieces, posed.vertices[used], bare.reshape(-1, 3))
+    for report in reports:
+        fold = folds.get(report["garment"])
+        report["fold_deg"] = round(fold.angle_deg, 2) if fold else None
+        report["fold_pixels"] = fold.pixels if fold else 0
+    whole = surface.compact(surface.joined(list(pieces.values())))
+    ground = float(whole.vertices[:, 1].min())
+    return Figure(
+        Piece(whole.vertices - [0.0, ground, 0.0], whole.faces, whole.uv), ground, reports
+    )
+
+
+def _skin(vertices: np.ndarray) -> Skin:
+    mesh = template().groups[BODY]
+    corners = np.concatenate([chart(BODY), mesh.uv], axis=2)
+    fine = refine(mesh.quads, corners, len(template().vertices), 1)
+    at, faces = fine.matrix @ vertices, triangles(fine.quads)
+    solid = Solid(at, surface.normals(at, faces), fine.matrix @ template().vertices)
+    return Skin(fine, faces, solid, arm_share(fine.matrix))
+
+
+def _haired(skin: Skin, look: Look, generator: np.random.Generator) -> tuple[np.ndarray, Solid]:
+    """The skin with its scalp raised, (N, 3), and the scalp alone."""
+    place = skin.solid.place
+    own = np.zeros((len(place), 2))
+    own[skin.fine.quads.ravel()] = skin.fine.corners[..., 2:].reshape(-1, 2)
+    grown = np.where(place[:, 1] > CHIN, hair.growth(place, own), -1.0)
+    rough = generator.uniform(-1, 1, len(place))
+    mean = surface.averaging(skin.faces, len(place))
+    for _ in range(3):
+        rough = mean @ rough
+    rough /= np.abs(rough).max()
+    raised = hair.raised(
+        skin.solid.vertices, skin.solid.normals, grown, look.hair_style, look.headwear, rough
+    )
+    normals = surface.normals(raised, skin.faces)
+    on = grown > 0.004
+    return raised, Solid(raised[on], normals[on], place[on])
+
+
+def _shown(skin: Skin, haired: np.ndarray, outfit: Outfit, clothes: list[Worn]) -> Piece:
+    """The skin that is not under clothes for good."""
+    place = skin.solid.place
+    under = hidden(outfit, place, skin.arm, skin.solid.vertices, clothes)
+    under |= lapped(outfit, place, skin.arm)
+    under |= shoe_field(outfit.shoe, place) < -IN_SHOE
+    seen = ~under[skin.faces].all(axis=1)
+    uv = triangles(skin.fine.corners)[..., :2]
+    return Piece(haired, skin.faces[seen], uv[seen])
+
+
+def _eye(name: str, vertices: np.ndarray) -> Piece:
+    ball = template().groups[name]
+    fine = refine(ball.quads, chart(name), len(template().vertices), 1)
+    return Piece(fine.matrix @ vertices, triangles(fine.quads), triangles(fine.corners))
+
+
+def _under_hair(skin: Solid, clothes: list[Piece]) -> Solid:
+    """What hair lies on, by nearness in space alone: head, collars and shoulders."""
+    head = skin.place[:, 1] > NECK
+    vertices = [skin.vertices[head], *(piece.vertices for piece in clothes)]
+    normals = [skin.normals[head], *(surface.normals(p.vertices, p.faces) for p in clothes)]
+    count = sum(map(len, vertices))
+    return Solid(np.concatenate(vertices), np.concatenate(normals), np.zeros((count, 3)))

@@ -1,0 +1,1 @@
+"""Hair and hats: locks on a posed head."""
