@@ -10,12 +10,14 @@ from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from subjects.open.base.subdivision import triangles
+from subjects.open.base.subdivision import refine, triangles
 from subjects.open.base.template import BODY, EYES, SKIRT, TIGHTS, template
 
 HAIR = "hair"
 OUTER = "outer"
 """The tights charted once more, for a jacket over a top; the part that a jacket can cover."""
+REFINED = {TIGHTS: 2, OUTER: 2, SKIRT: 2}
+"""How often the charts' groups are refined before they are baked."""
 OUTER_LOWEST = -0.2
 """Template height down to which OUTER is charted; what lies below falls outside its rectangle."""
 Rectangle = tuple[float, float, float, float]
@@ -157,9 +159,14 @@ def texels(size: int) -> Texels:
     quads = {name: np.ones(len(group.quads), dtype=bool) for name, group in groups.items()}
     for name, shown in {**quads, OUTER: _covered_by_jacket()}.items():
         group = groups[TIGHTS if name == OUTER else name]
-        place = template().vertices[group.quads]
-        corners.append(triangles(chart(name)[shown]))
-        values.append(triangles(np.concatenate([place, group.uv], axis=2)[shown]))
+        # Clothes are refined when they are cut: a stripe is as straight as their surface is.
+        levels = REFINED.get(name, 0)
+        uv = np.concatenate([chart(name), group.uv], axis=2)
+        fine = refine(group.quads, uv, len(template().vertices), levels)
+        kept = np.repeat(shown, 4**levels)
+        place = (fine.matrix @ template().vertices)[fine.quads]
+        corners.append(triangles(fine.corners[..., :2][kept]))
+        values.append(triangles(np.concatenate([place, fine.corners[..., 2:]], axis=2)[kept]))
         owner.append(np.full(len(corners[-1]), GROUPS.index(name)))
     unit = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     flat = np.concatenate([np.zeros((4, 3)), unit], axis=1)[None]

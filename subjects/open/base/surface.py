@@ -91,6 +91,35 @@ def averaging(faces: np.ndarray, count: int) -> sparse.csr_matrix:
     return (sparse.diags(1.0 / np.maximum(total, 1.0)) @ chosen).tocsr()
 
 
+def evened(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    mean: sparse.csr_matrix,
+    origin: np.ndarray,
+    times: int,
+    where: np.ndarray | float = 1.0,
+) -> np.ndarray:
+    """`vertices` smoothed, and hardly shifted within the surface: what is printed there stays.
+
+    Along the normal each takes its neighbours' mean; within the surface, only the mean of how far
+    they have come from `origin`, as uneven triangles would make them creep otherwise.
+
+    Args:
+        mean: from `averaging`.
+        origin: (N, 3) where the print is undistorted.
+        where: (N,) in [0, 1], how much each vertex takes part.
+    """
+    share = 0.5 * np.broadcast_to(where, len(vertices))[:, None]
+    for _ in range(times):
+        step = mean @ vertices - vertices
+        moved = vertices - origin
+        drag = mean @ moved - moved
+        outward = normals(vertices, faces)
+        lift = ((step - drag) * outward).sum(axis=1, keepdims=True) * outward
+        vertices = vertices + share * (drag + lift)
+    return vertices
+
+
 def pushed_out(
     vertices: np.ndarray, place: np.ndarray, gap: np.ndarray, solid: Solid
 ) -> np.ndarray:

@@ -166,15 +166,14 @@ def _frames(shapes: np.ndarray) -> int:
 
 def _smooth(sheet: Sheet, shape: np.ndarray, solid: Solid) -> np.ndarray:
     """Solved cloth without the solver's grain and spikes, clear of what is under it."""
-    mean = surface.averaging(sheet.cloth.faces, len(shape))
-    for _ in range(GRAIN):
-        shape = 0.5 * shape + 0.5 * (mean @ shape)
+    faces = sheet.cloth.faces
+    mean = surface.averaging(faces, len(shape))
+    shape = surface.evened(shape, faces, mean, shape, GRAIN)
     # A hem is a doubled edge: it does not crumple as single threads do.
-    hem = surface.on_border(sheet.cloth.faces).astype(float)
+    hem = surface.on_border(faces).astype(float)
     for _ in range(2):
         hem = np.maximum(hem, mean @ hem)
-    for _ in range(HEM):
-        shape = shape + 0.5 * np.minimum(hem, 1.0)[:, None] * (mean @ shape - shape)
+    shape = surface.evened(shape, faces, mean, shape, HEM, np.minimum(hem, 1.0))
     for gap in (LAYER_GAP, LAYER_GAP, LAYER_GAP / 2):
         shape = surface.pushed_out(
             _ironed(shape, mean), sheet.place, np.full(len(shape), gap), solid

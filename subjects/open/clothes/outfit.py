@@ -144,6 +144,8 @@ CLOTH_OF = {
     "skirt": ["viscose", "cotton", "jersey", "denim"],
 }
 LONG_SLEEVE = (1.66, 1.88)
+SEAT = -0.022
+"""Template height of the lowest hem of a top: below, the clothing helper parts into legs."""
 
 
 def draw_outfit(generator: np.random.Generator, legs_down: bool, gender: float) -> Outfit:
@@ -189,7 +191,7 @@ def _draw_top(generator: np.random.Generator, kind: str, skirt: bool) -> Top:
     if kind in ("sweater", "hoodie"):
         ease = float(generator.uniform(0.016, 0.036))
     tucked = kind in ("tee", "shirt") and bool(generator.random() < (0.6 if skirt else 0.22))
-    hem = generator.uniform(-0.045, 0.04)
+    hem = generator.uniform(SEAT, 0.045)
     if kind == "dress":
         hem = generator.uniform(-0.56, -0.26)
     front = {
@@ -221,7 +223,7 @@ def _draw_jacket(generator: np.random.Generator, inner: Top) -> Top:
         kind="jacket",
         sleeve=round(float(generator.uniform(1.80, 1.92)), 3),
         neckline="shirt",
-        hem=round(float(max(generator.uniform(-0.055, 0.03), min(inner.hem - 0.01, 0.0))), 3),
+        hem=round(float(max(generator.uniform(SEAT, 0.03), min(inner.hem - 0.01, 0.0), SEAT)), 3),
         ease=round(float(generator.uniform(0.020, 0.034)), 4),
         tucked=False,
         opening=round(float(generator.uniform(0.035, 0.085)), 3),

@@ -28,9 +28,6 @@ from subjects.open.clothes.garments import (
 from subjects.open.clothes.outfit import Bottom, Outfit, Top
 from subjects.open.clothes.worn import Worn
 
-SLIDE = 0.15
-"""Share of its own pull along the cloth that a vertex follows where cloth is evened out."""
-
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
@@ -74,23 +71,15 @@ class Sheet:
             more: metres by which it lies further out than it need.
         """
         gap = self.gap + more
-        vertices = self.carried(posed, more)
-        mean = surface.averaging(self.cloth.faces, len(vertices))
+        vertices = origin = self.carried(posed, more)
+        faces = self.cloth.faces
+        mean = surface.averaging(faces, len(vertices))
         for _ in range(self.rounds):
-            vertices = self._evened(vertices, mean, self.smoothing)
+            vertices = surface.evened(vertices, faces, mean, origin, self.smoothing)
             vertices = surface.pushed_out(vertices, self.place, gap, solid)
         # Pushing out leaves small steps: even them out once more.
-        vertices = self._evened(vertices, mean, 3)
+        vertices = surface.evened(vertices, faces, mean, origin, 3)
         return surface.pushed_out(vertices, self.place, np.minimum(gap, 0.004), solid)
-
-    def _evened(self, vertices: np.ndarray, mean: sparse.csr_matrix, times: int) -> np.ndarray:
-        """Smoother, and hardly shifted within the cloth: what is printed there stays put."""
-        for _ in range(times):
-            step = mean @ vertices - vertices
-            outward = surface.normals(vertices, self.cloth.faces)
-            lift = (step * outward).sum(axis=1, keepdims=True) * outward
-            vertices = vertices + 0.5 * (lift + SLIDE * (step - lift))
-        return vertices
 
     def folded(self, vertices: np.ndarray, solid: Solid) -> np.ndarray:
         """`vertices` with the painted folds, where no solver makes real ones."""
