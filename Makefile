@@ -1,10 +1,11 @@
 # make demo: four open humans, rendered, verified, pictured in out/demo.
 # make test: the whole test suite. Both create .venv and install what they need.
+# make humans: fifty of them, with the figures and pictures that the README shows.
 PYTHON ?= python3.11
 BIN := .venv/bin
 READY := .venv/ready
 
-.PHONY: demo picture test lint smoke clean
+.PHONY: demo picture humans test lint smoke clean
 
 demo: $(READY)
 	$(BIN)/python pipeline.py build --config configs/open.yaml --subjects.count 4 --output out/demo
@@ -23,6 +24,17 @@ lint: $(READY)
 # The picture in the README, from the demo's dataset.
 picture: demo
 	$(BIN)/python -m report.sheet out/demo --subjects open_0000 open_0003 --output docs/demo.png
+
+HUMANS := out/humans
+
+humans: $(READY)
+	$(BIN)/python pipeline.py build --config configs/open.yaml --subjects.count 50 \
+		--views.yaw_deg '[0, -30, -15, 15, 30]' --output $(HUMANS)
+	$(BIN)/python pipeline.py verify $(HUMANS)
+	$(BIN)/python -m report.humans $(HUMANS)
+	$(BIN)/python -m report.differences $(HUMANS) --output docs/differences.png
+	$(BIN)/python -m report.people $(HUMANS) --output docs/people.png \
+		--subjects $(shell seq -f open_%04g 0 23)
 
 # From nothing: what stands from an earlier checkout proves nothing about this one.
 smoke: $(READY)

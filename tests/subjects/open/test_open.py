@@ -270,6 +270,29 @@ def test_a_wrong_configuration_is_named_in_one_line(fields: dict, named: str) ->
     assert "\n" not in str(caught.value)
 
 
+def test_an_estimators_body_lies_beside_the_exact_one(made: Subject, tmp_path: Path) -> None:
+    source = OpenHumans(poses=STANDING, cloth="laid", estimate="pixie")
+    guessed = source.make("open_0001", SEED, tmp_path)
+    assert guessed.body == tmp_path / "estimated.obj"
+    assert tmp_path / "body.obj" in guessed.files
+    # The clothed surface and the exact body know nothing of it.
+    assert (tmp_path / "body.obj").read_bytes() == made.body.read_bytes()
+    assert guessed.mesh.read_bytes() == made.mesh.read_bytes()
+    exact, estimate = read(made.body), read(guessed.body)
+    assert (exact.faces == estimate.faces).all()
+    off = 1000 * np.linalg.norm(exact.vertices - estimate.vertices, axis=1).mean()
+    assert 15 < off < 150
+    record = guessed.body_parameters["estimate"]
+    assert record["vertex_error_mm"] == pytest.approx(off, rel=0.3)
+
+
+def test_a_licence_and_a_card_lie_beside_the_humans() -> None:
+    papers = OpenHumans().papers()
+    assert set(papers) == {"LICENSE", "README.md"}
+    assert "CC0 1.0 Universal" in papers["LICENSE"]
+    assert "parameters.json" in papers["README.md"]
+
+
 def test_an_unknown_id_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="open_0000"):
         OpenHumans().make("someone", SEED, tmp_path)
