@@ -31,10 +31,10 @@ humans: $(READY)
 	$(BIN)/python pipeline.py build --config configs/open.yaml --subjects.count 50 \
 		--views.yaw_deg '[0, -30, -15, 15, 30]' --output $(HUMANS)
 	$(BIN)/python pipeline.py verify $(HUMANS)
-	$(BIN)/python -m report.humans $(HUMANS)
 	$(BIN)/python -m report.differences $(HUMANS) --output docs/differences.png
 	$(BIN)/python -m report.people $(HUMANS) --output docs/people.png \
 		--subjects $(shell seq -f open_%04g 0 23)
+	$(BIN)/python -m report.humans $(HUMANS) --output $(HUMANS)/humans.json
 
 # From nothing: what stands from an earlier checkout proves nothing about this one.
 smoke: $(READY)

@@ -12,12 +12,12 @@ from typing import Any
 
 from engine.config import BuildConfig
 from engine.progress import Progress
-from engine.tasks import ShardResult, Task, make_shard, make_subject, subject_folder, versions
+from engine.tasks import ShardResult, Task, make_shard, make_subject, versions
 from engine.workers import WorkerDiedError, cpu_count, run
 from render.camera import FrameError
 from render.capture import CaptureError
 from shards.atomic import atomic_write
-from shards.dataset import SHARDS, DatasetWriter
+from shards.dataset import SHARDS, SUBJECTS, DatasetWriter
 from subjects.mesh import MeshError
 
 
@@ -72,8 +72,9 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
         Task(subject, dataset, writer.shard_path(subject).resolve(), config, threads)
         for subject in missing
     ]
-    made = _stage("subjects", make_subject, tasks, workers, writer)
-    rendered = _stage("render", make_shard, made, workers, writer, views)
+    # Sums of one thread are the same wherever they are made.
+    made = _stage("subjects", make_subject, tasks, workers, writer, threads=1)
+    rendered = _stage("render", make_shard, made, workers, writer, threads, views)
     writer.finish()
 
     elapsed = time.monotonic() - start
@@ -90,9 +91,7 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
 def _lay_papers(config: BuildConfig, dataset: Path) -> None:
     """The source's licence and card, beside its subjects."""
     for name, text in config.subjects.papers().items():
-        path = subject_folder(dataset, name)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(path) as file:
+        with atomic_write(dataset / SUBJECTS / name) as file:
             file.write(text.encode())
 
 
@@ -102,6 +101,7 @@ def _stage(
     tasks: list[Task],
     workers: int,
     writer: DatasetWriter,
+    threads: int,
     views: int = 0,
 ) -> list[Task]:
     """Run one stage over its tasks; returns those that worked, in order.
@@ -109,6 +109,7 @@ def _stage(
     Every stage has worker processes of its own, so torch and Blender never share one.
 
     Args:
+        threads: of the processor, that numerical libraries may use in a worker.
         views: that a task of this stage makes, for the progress.
     """
     if not tasks:
@@ -116,7 +117,7 @@ def _stage(
     progress = Progress(name, len(tasks), views)
     done = set()
     try:
-        for task, result in run(function, tasks, workers, tasks[0].threads):
+        for task, result in run(function, tasks, workers, threads):
             reason = None
             if isinstance(result, BaseException):
                 reason = _reason(result)

@@ -18,7 +18,7 @@ class PeakMemory:
     processes' need not be of one moment.
 
     Attributes:
-        megabytes: resident memory of all together, at its highest.
+        megabytes: resident memory of all together, the highest that was seen.
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class PeakMemory:
             for child in self._process.children(recursive=True):
                 try:
                     held += child.memory_info().rss
-                except psutil.NoSuchProcess:
+                except psutil.Error:  # it ended meanwhile
                     continue
             self.megabytes = max(self.megabytes, round(held / 1e6))
             if self._ended.wait(INTERVAL):

@@ -11,14 +11,15 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from report.humans import pose_of
+from report import view as views
+from report.human import pose_of
 from shards.dataset import Dataset
 
 BINS = ("0", *(str(upper) for upper in range(10, 101, 10)), ">100")
@@ -27,6 +28,9 @@ MUCH = 0.25
 """Share of a subject's pixels above 100 mm from which it counts as much different."""
 CHEST = 0.3
 """Where the row runs that is looked at by itself: share of the silhouette's height, from above."""
+
+CALM = (0.5, 0.75)
+"""Shares of an easy subject's pixels up to 40 mm that are looked for."""
 
 _DEPTHS = ("mask", "depth_front", "depth_back")
 _BLUE, _ORANGE, _GREY = (0, 114, 178), (213, 94, 0), (150, 150, 150)
@@ -68,11 +72,26 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One subject's front against its back."""
+    """One subject's front against its back.
+
+    Attributes:
+        pose: its name, "-" if it has none.
+        hard: whether that is a hard one.
+        view: which of the subject's views.
+        yaw_deg: its turn.
+    """
 
     subject: str
     pose: str
+    hard: bool
+    view: int
+    yaw_deg: float
     whole: Statistics
+
+    @property
+    def easy(self) -> bool:
+        """Whether its pose is known, and no hard one."""
+        return self.pose != "-" and not self.hard
 
 
 def differences(
@@ -118,8 +137,11 @@ def pooled(parts: Sequence[Statistics]) -> Statistics:
     return Statistics(tuple(map(sum, counts)), max(part.largest for part in parts))
 
 
-def compare(dataset: Dataset, view: int, left_out: float = 0.0) -> list[Comparison]:
+def compare(dataset: Dataset, view: int | None, left_out: float = 0.0) -> list[Comparison]:
     """Every subject's front against its back; `left_out` as `differences` has it.
+
+    Args:
+        view: which of its views; None for the one turned least.
 
     Raises:
         ValueError: a subject has no such view, or nothing to be seen in it.
@@ -127,11 +149,13 @@ def compare(dataset: Dataset, view: int, left_out: float = 0.0) -> list[Comparis
     found = []
     for subject in dataset.subjects():
         shard = dataset.shard(subject)
-        if not 0 <= view < len(shard):
-            raise ValueError(f"{subject} has views 0 to {len(shard) - 1}, not {view}; set --view")
-        apart = _differences(shard.view(view, _DEPTHS), left_out)
-        pose, _ = pose_of(shard.meta["body_parameters"])
-        found.append(Comparison(subject, pose, statistics(apart)))
+        index = views.chosen(shard, view)
+        maps = shard.view(index, [*_DEPTHS, "yaw_deg"])
+        if not maps["mask"].any():
+            raise ValueError(f"{subject} is not seen in view {index}; set --view")
+        pose, hard = pose_of(shard.meta["body_parameters"])
+        whole = statistics(_differences(maps, left_out))
+        found.append(Comparison(subject, pose, hard, index, float(maps["yaw_deg"]), whole))
     return found
 
 
@@ -140,34 +164,61 @@ def _differences(maps: dict[str, np.ndarray], left_out: float) -> np.ndarray:
 
 
 def table(comparisons: list[Comparison]) -> str:
-    """A line for each subject, and below them the set's; there is one subject or more."""
+    """A line for each subject, and below them the set's; there is one subject or more.
+
+    Hard poses have a *; a subject without a pose is neither easy nor hard.
+    """
+    easy = [c.whole for c in comparisons if c.easy]
+    hard = [c.whole for c in comparisons if c.hard]
     whole = pooled([c.whole for c in comparisons])
-    rows = [(c.subject, c.pose, c.whole) for c in comparisons]
-    rows.append(("all together", "", whole))
-    wide = max(len(subject) for subject, _, _ in rows)
+    rows = [(c.subject, f"{c.pose}{'*' if c.hard else ''}", c.whole) for c in comparisons]
+    totals = [
+        (f"{name}, {len(members)}", "", pooled(members))
+        for name, members in (("easy poses", easy), ("hard poses*", hard))
+        if members
+    ]
+    totals.append(("all together", "", whole))
+    wide = max(len(subject) for subject, _, _ in (*rows, *totals))
     posed = max(len("pose"), *(len(pose) for _, pose, _ in rows))
     head = f"{'subject':{wide}}  {'pose':{posed}}     pixels  <=40 mm  >100 mm   largest"
-    lines = [
-        f"{name:{wide}}  {pose:{posed}}  {s.pixels:9d}  {s.up_to_40:7.2%}  {s.above_100:7.2%}  "
-        f"{s.largest:5.0f} mm"
-        for name, pose, s in rows
-    ]
-    much = sum(c.whole.above_100 >= MUCH for c in comparisons)
+
+    def line(name: str, pose: str, s: Statistics) -> str:
+        return (
+            f"{name:{wide}}  {pose:{posed}}  {s.pixels:9d}  {s.up_to_40:7.2%}  "
+            f"{s.above_100:7.2%}  {s.largest:5.0f} mm"
+        )
+
     return "\n".join(
         [
             head,
             "-" * len(head),
-            *lines[:-1],
+            *(line(*row) for row in rows),
             "-" * len(head),
-            lines[-1],
+            *(line(*row) for row in totals),
             "",
             "mm    " + "".join(f"{name:>7}" for name in BINS),
             "share " + "".join(f"{share:7.2%}" for share in whole.shares),
             "",
-            f"{much} of {len(comparisons)} subjects have {MUCH:.0%} or more of their pixels "
-            "above 100 mm",
+            *_counted(easy, hard, [c.whole for c in comparisons]),
         ]
     )
+
+
+def _counted(
+    easy: list[Statistics], hard: list[Statistics], whole: list[Statistics]
+) -> Iterator[str]:
+    """How many subjects differ much, and how many of the easy ones little."""
+
+    def counted(count: int, members: list[Statistics], name: str, share: float, what: str) -> str:
+        return f"{count} of {len(members)} {name} have {share:.0%} or more of their pixels {what}"
+
+    for name, members in (("subjects", whole), ("hard subjects", hard)):
+        if members:
+            much = sum(s.above_100 >= MUCH for s in members)
+            yield counted(much, members, name, MUCH, "above 100 mm")
+    for share in CALM if easy else ():
+        calm = sum(s.up_to_40 >= share for s in easy)
+        yield counted(calm, easy, "easy subjects", share, "up to 40 mm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,14 +244,15 @@ class Example:
 
 
 def example(
-    dataset: Dataset, comparison: Comparison, view: int, height: float, left_out: float = 0.0
+    dataset: Dataset, comparison: Comparison, height: float, left_out: float = 0.0
 ) -> Example:
     """The subject with its row at `height`: the share of the silhouette's, from above.
 
     Raises:
         ValueError: the row meets no surface.
     """
-    maps = dataset.shard(comparison.subject).view(view, [*_DEPTHS, "rgb_front", "rgb_back"])
+    shard = dataset.shard(comparison.subject)
+    maps = shard.view(comparison.view, [*_DEPTHS, "rgb_front", "rgb_back"])
     rows = np.flatnonzero(maps["mask"].any(axis=1))
     row = round(rows[0] + height * (rows[-1] - rows[0]))
     if row not in rows:
@@ -322,7 +374,7 @@ def main() -> int:
     """Print the table and draw the figure that a call asks for; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("data", type=Path, help="folder of the dataset")
-    parser.add_argument("--view", type=int, default=0, help="which view (default: 0)")
+    views.add_option(parser)
     parser.add_argument("--output", type=Path, help="PNG to write")
     parser.add_argument("--easy", metavar="SUBJECT", help="in the figure (default: the easiest)")
     parser.add_argument("--hard", metavar="SUBJECT", help="in the figure (default: the hardest)")
@@ -357,7 +409,7 @@ def _report(options: argparse.Namespace) -> None:
     found = compare(dataset, options.view, options.left_out)
     if not found:
         raise ValueError(f"{options.data} holds no finished subject; build it first")
-    print(table(found))
+    print(f"{views.described(options.view, [c.yaw_deg for c in found])}\n\n{table(found)}")
     easiest = max(found, key=lambda c: (c.whole.up_to_40, -c.whole.largest))
     hardest = max(found, key=lambda c: (c.whole.above_100, c.whole.largest))
     chosen = {"easy": easiest, "hard": hardest}
@@ -368,7 +420,7 @@ def _report(options: argparse.Namespace) -> None:
             raise ValueError(f"{options.data} has no finished subject {name!r}; set --{option}")
         chosen[option] = by_name.get(name, chosen[option])
     easy, hard = (
-        example(dataset, comparison, options.view, height, options.left_out)
+        example(dataset, comparison, height, options.left_out)
         for comparison, height in zip(chosen.values(), options.rows, strict=True)
     )
     print("\nalong one row:")

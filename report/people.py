@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from report import view as views
 from shards.dataset import Dataset
 
 PAPER = 250
@@ -22,27 +23,32 @@ BETWEEN = 22
 
 
 def contact_sheet(
-    folder: Path, subjects: list[str], view: int, width: int, maps: str
+    folder: Path, subjects: list[str], view: int | None, width: int, maps: str
 ) -> Image.Image:
     """As many subjects to a row as fit, at one scale, standing on one line.
 
     Args:
         subjects: ids; all of the dataset if empty.
-        view: which view of each.
+        view: which view of each; None for the one turned least.
         width: of the page in pixels; a subject that is wider widens it.
         maps: rgb or normal.
 
     Raises:
-        ValueError: the dataset has no such subject or view, or no subjects.
+        ValueError: the dataset has no such subject or view, one is not seen in it, or
+            there are no subjects.
     """
     dataset = Dataset(folder)
     pairs = []
     for subject in subjects or dataset.subjects():
         shard = dataset.shard(subject)
-        if not 0 <= view < len(shard):
-            raise ValueError(f"{subject} has views 0 to {len(shard) - 1}, not {view}; set --view")
+        index = views.chosen(shard, view)
         names = ["mask", f"{maps}_front", f"{maps}_back"]
-        pairs.append(_pair(*(shard.view(view, names)[name] for name in names)))
+        mask, front, back = shard.view(index, names).values()
+        if not mask.any():
+            raise ValueError(
+                f"{subject} is not seen in view {index}; set --view, or --subjects without it"
+            )
+        pairs.append(_pair(mask, front, back))
     if not pairs:
         raise ValueError(f"{folder} holds no finished subject; build it first")
     width = max(width, *(pair.shape[1] + 2 * BETWEEN for pair in pairs))
@@ -90,7 +96,7 @@ def main() -> int:
     parser.add_argument("data", type=Path, help="folder of the dataset")
     parser.add_argument("--output", type=Path, required=True, help="PNG to write")
     parser.add_argument("--subjects", nargs="*", default=[], help="ids (default: all)")
-    parser.add_argument("--view", type=int, default=0, help="which view (default: 0)")
+    views.add_option(parser)
     parser.add_argument("--width", type=int, default=2000, help="pixels (default: 2000)")
     parser.add_argument("--maps", choices=("rgb", "normal"), default="rgb", help="(default: rgb)")
     options = parser.parse_args()

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from report.view import chosen
 from shards.dataset import Dataset
 
 COLUMNS = {
@@ -38,9 +39,7 @@ def sheet(folder: Path, subjects: list[str], view: int) -> Image.Image:
     rows, pixels = [], []
     for subject in subjects or dataset.subjects():
         shard = dataset.shard(subject)
-        if not 0 <= view < len(shard):
-            raise ValueError(f"{subject} has views 0 to {len(shard) - 1}, not {view}; set --view")
-        rows.append(shard.view(view))
+        rows.append(shard.view(chosen(shard, view)))
         pixels.append(shard.meta["camera"]["pixel_size"])
     top, bottom, left, right = _common_box([row["mask"] for row in rows])
     cells = [

@@ -375,6 +375,9 @@ def build_humans(output: Path, jobs: int) -> subprocess.CompletedProcess[str]:
 
 
 def test_open_humans_have_the_same_bytes_with_one_job(humans, tmp_path):
+    parameters = json.loads((humans / "subjects" / "open_0000" / "parameters.json").read_text())
+    assert parameters["drapes"]["cloth"] == "draped"
+    assert "CC0 1.0 Universal" in (humans / "subjects" / "LICENSE").read_text()
     result = build_humans(tmp_path / "data", jobs=1)
     assert result.returncode == 0, result.stderr
     assert checksums(tmp_path / "data") == checksums(humans)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,13 @@ from subjects.open.base.atlas import chart
 from subjects.open.base.measure import fold_angles
 from subjects.open.base.subdivision import Refinement, refine, triangles
 from subjects.open.base.surface import Piece, Solid
-from subjects.open.base.template import BODY, EYES, template
+from subjects.open.base.template import BODY, EYES, bare_body, template
+from subjects.open.bodies import body
 from subjects.open.bodies.posed import Posed
 from subjects.open.clothes.dressing import dress, hidden
 from subjects.open.clothes.garments import arm_share, lapped
 from subjects.open.clothes.outfit import Outfit, Top
-from subjects.open.clothes.shoes import shoe_field, shoes
+from subjects.open.clothes.shoes import shoe_field, shoe_last, shoes
 from subjects.open.clothes.worn import Worn
 from subjects.open.hair import style as hair
 from subjects.open.hair.head import Head
@@ -68,26 +70,29 @@ def figure(
     outfit: Outfit,
     look: Look,
     generator: np.random.Generator,
+    scratch: Path,
 ) -> Figure:
     """Dress a posed body.
 
     Args:
         shapes: (K, 19158, 3) see `dressing.dress`; the last is the posed body.
+        scratch: a folder for the solver.
 
     Raises:
-        DrapeError: see `dressing.dress`.
+        DrapeError, SolverError: see `dressing.dress`.
     """
     skin = _skin(posed.vertices)
-    clothes, reports = dress(outfit, shapes, skin.fine, generator)
+    clothes, reports = dress(outfit, shapes, skin.fine, generator, scratch)
     haired, scalp = _haired(skin, look, generator)
     around = Solid(haired, surface.normals(haired, skin.faces), skin.solid.place)
-    pieces = {"shoes": surface.joined(shoes(outfit.footwear, outfit.shoe, posed.last, skin.solid))}
+    last = body.skin(shoe_last(posed.rest.vertices), posed.transforms)
+    pieces = {"shoes": surface.joined(shoes(outfit.footwear, outfit.shoe, last, skin.solid))}
     for k, worn in enumerate(clothes):
         under = hidden(outfit, worn.place, worn.arm, worn.vertices, clothes[k + 1 :])
         trimmed = (
             trims.of_top(worn, outfit, around)
             if isinstance(worn.garment, Top)
-            else trims.of_bottom(worn, outfit)
+            else trims.of_bottom(worn)
         )
         pieces[worn.garment.kind] = worn.hemmed(under)
         if trimmed:
@@ -106,8 +111,8 @@ def figure(
     if locks:
         pieces["hair"] = surface.joined(locks)
 
-    used, bare = np.unique(triangles(template().groups[BODY].quads), return_inverse=True)
-    folds = fold_angles(pieces, posed.vertices[used], bare.reshape(-1, 3))
+    used, bare = bare_body()
+    folds = fold_angles(pieces, posed.vertices[used], bare)
     for report in reports:
         fold = folds.get(report["garment"])
         report["fold_deg"] = round(fold.angle_deg, 2) if fold else None

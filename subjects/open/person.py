@@ -15,8 +15,7 @@ import seeds
 from subjects.mesh import MeshError
 from subjects.open import texture
 from subjects.open.base import wavefront
-from subjects.open.base.subdivision import triangles
-from subjects.open.base.template import BODY, template
+from subjects.open.base.template import bare_body
 from subjects.open.bodies import body, penetration, skeleton
 from subjects.open.bodies.estimate import EstimatorName, estimated
 from subjects.open.bodies.face import draw_face
@@ -32,6 +31,8 @@ if TYPE_CHECKING:
 DRESSED = 0.06
 """What soles and hair may add to a bare body's height, metres."""
 MATERIAL = "material0"
+PACKAGES = ("anny", "bpy", "numpy", "pillow", "scipy", "torch")
+"""What a human's bytes depend on."""
 ESTIMATED = "estimated.obj"
 DRAPES = 5
 """Draws of an outfit, where the cloth of one tears or goes through the body."""
@@ -73,15 +74,14 @@ def make_person(subject: str, seed: int, folder: Path, wish: Wish) -> dict[str, 
             seeds.generator(seed, subject, "phenotype"), *wish.ages
         )
         rest = body.rest_body(phenotype, draw_face(seeds.generator(seed, subject, "face")))
-        posed, outfit, look, whole, failed = _dressed(subject, seed, wish, rest, age)
+        posed, outfit, look, whole, failed = _dressed(subject, seed, wish, rest, age, folder)
         estimate, guessed = estimated(
             posed.pose, rest, wish.estimator, seeds.generator(seed, subject, "estimate")
         )
     picture = texture.paint(
         look, outfit, wish.texture_size, seeds.generator(seed, subject, "texture")
     )
-    used, skin = np.unique(triangles(template().groups[BODY].quads), return_inverse=True)
-    skin = skin.reshape(-1, 3)
+    used, skin = bare_body()
     down = np.array([0.0, whole.ground, 0.0])
 
     wavefront.write_textured(folder / f"{subject}.obj", whole.surface, f"{MATERIAL}.mtl", MATERIAL)
@@ -111,16 +111,20 @@ def make_person(subject: str, seed: int, folder: Path, wish: Wish) -> dict[str, 
             "draws": posed.attempts,
         },
         "outfit": outfit.as_json(),
-        "drapes": {"garments": whole.garments, "failed": failed},
+        "drapes": {
+            "cloth": "draped" if wish.draped else "laid",
+            "garments": whole.garments,
+            "failed": failed,
+        },
         "look": look.as_json(),
         "triangles": len(whole.surface.faces),
         "seed": seed,
-        "versions": {name: metadata.version(name) for name in ("anny", "numpy", "torch", "scipy")},
+        "versions": {name: metadata.version(name) for name in PACKAGES},
     }
 
 
 def _dressed(
-    subject: str, seed: int, wish: Wish, rest: body.Rest, age: float
+    subject: str, seed: int, wish: Wish, rest: body.Rest, age: float, scratch: Path
 ) -> tuple[Posed, Outfit, texture.Look, Figure, list[str]]:
     """Pose and clothes that go together, and why earlier draws of them did not.
 
@@ -149,14 +153,17 @@ def _dressed(
         way = approach(posed.pose, rest, SHAPES) if wish.draped else ()
         shapes = np.stack([*way, posed.vertices])
         try:
-            whole = figure(posed, shapes, outfit, look, outfit_draw("cloth"))
+            whole = figure(posed, shapes, outfit, look, outfit_draw("cloth"), scratch)
         except DrapeError as error:
             failed.append(f"{posed.name}: {error}")
             if attempt > 0 and len(poses) > 1:
-                poses.remove(posed.name)
+                poses = [name for name in poses if name != posed.name]
         else:
             return posed, outfit, look, whole, failed
-    raise MeshError(f"{subject}: no cloth stayed on in {DRAPES} draws ({'; '.join(failed)})")
+    raise MeshError(
+        f"{subject}: no cloth stayed on in {DRAPES} draws ({'; '.join(failed)}); "
+        "give other or more poses in subjects.poses, or --subjects.cloth laid"
+    )
 
 
 def _drawing(seed: int, subject: str, attempt: int) -> Callable[[str], np.random.Generator]:
@@ -166,7 +173,7 @@ def _drawing(seed: int, subject: str, attempt: int) -> Callable[[str], np.random
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Sums in one order: the number of threads must not show in the bytes."""
+    """torch's sums in one order: the number of threads must not show in the bytes."""
     import torch
 
     before = torch.get_num_threads()

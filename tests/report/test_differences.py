@@ -110,6 +110,11 @@ def folder(build: Any) -> Path:
     )
 
 
+def spaced(text: str) -> str:
+    """Each run of blanks as one."""
+    return " ".join(text.split())
+
+
 def test_the_table_tells_each_subject_and_the_set(folder: Path) -> None:
     found = compare(Dataset(folder), 0)
     assert [(c.subject, c.pose) for c in found] == [
@@ -123,7 +128,7 @@ def test_the_table_tells_each_subject_and_the_set(folder: Path) -> None:
     assert wild.above_100 == (40 - 16) / 40
     assert wild.largest == pytest.approx(600 * 39 / 95, abs=1e-3)
     text = table(found)
-    assert "calm          stand          2240  100.00%    0.00%" in text
+    assert "calm stand 2240 100.00% 0.00% 0 mm" in spaced(text)
     assert "1 of 3 subjects have 25% or more" in text
 
 
@@ -149,6 +154,64 @@ def test_the_figure_shows_the_easiest_and_the_hardest(
     call(monkeypatch, str(folder), "--output", str(output), "--easy", "wild", "--hard", "calm")
     assert output.read_bytes() != first
     assert capsys.readouterr().out.index("wild, row") > 0
+
+
+def test_hard_and_easy_subjects_are_pooled_and_counted_apart(build: Any) -> None:
+    easy, hard = {"pose": "stand"}, {"pose": "deep_bow", "hard": True}
+    found = compare(
+        Dataset(
+            build(
+                {
+                    "a": {"maps": mirrored(), "body": easy},
+                    "b": {"maps": leaning(200), "body": easy},
+                    "c": {"maps": leaning(600), "body": hard},
+                    "d": {"maps": mirrored(), "body": hard},
+                    "e": {"maps": leaning(600), "body": {}},
+                }
+            )
+        ),
+        None,
+    )
+    assert [(c.easy, c.hard) for c in found] == [
+        *[(True, False)] * 2,
+        *[(False, True)] * 2,
+        (False, False),
+    ]
+    text = table(found)
+    assert "c deep_bow* 2240" in spaced(text)
+    # Of 40 columns of 600 mm over 95 steps, 6 differ by up to 40 mm.
+    calm, lean = found[0].whole, found[1].whole
+    share = (calm.up_to_40 + lean.up_to_40) / 2
+    assert 0.5 <= lean.up_to_40 < share < 1.0
+    assert f"easy poses, 2 4480 {share:.2%}" in spaced(text)
+    assert "hard poses*, 2 4480 57.50% 30.00%" in spaced(text)
+    assert "2 of 5 subjects have 25% or more of their pixels above 100 mm" in text
+    assert "1 of 2 hard subjects have 25% or more of their pixels above 100 mm" in text
+    assert "2 of 2 easy subjects have 50% or more of their pixels up to 40 mm" in text
+    assert "1 of 2 easy subjects have 75% or more of their pixels up to 40 mm" in text
+    assert "hard" not in table(found[:1])
+
+
+def test_the_view_turned_least_is_shown_unless_one_is_asked_for(
+    build: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = build(
+        {
+            "a": {"maps": mirrored(), "yaw_deg": [30.0, -2.5, 15.0]},
+            "b": {"maps": mirrored(), "yaw_deg": [-1.25, -15.0, 20.0]},
+        }
+    )
+    assert [(c.view, c.yaw_deg) for c in compare(Dataset(folder), None)] == [(1, -2.5), (0, -1.25)]
+    assert call(monkeypatch, str(folder)) == 0
+    assert capsys.readouterr().out.startswith("the view turned least, yaw -2.5° to -1.2°\n")
+    assert call(monkeypatch, str(folder), "--view", "2") == 0
+    assert capsys.readouterr().out.startswith("view 2, yaw 15.0° to 20.0°\n")
+
+
+def test_a_subject_that_is_not_seen_is_named(build: Any) -> None:
+    unseen = maps(np.ones(INSIDE.shape), np.ones(INSIDE.shape), np.zeros_like(INSIDE))
+    with pytest.raises(ValueError, match="b is not seen in view 0"):
+        compare(Dataset(build({"a": {"maps": mirrored()}, "b": {"maps": unseen}})), None)
 
 
 @pytest.mark.parametrize(

@@ -75,3 +75,18 @@ def test_a_call_writes_the_sheet_and_a_wrong_one_says_why(build: Build, tmp_path
 def test_an_empty_set_is_refused(build: Build) -> None:
     with pytest.raises(ValueError, match="no finished subject"):
         contact_sheet(build({}), [], 0, 100, "rgb")
+
+
+def test_the_view_turned_least_is_shown_unless_one_is_asked_for(build: Build) -> None:
+    folder = build({"a": {"yaw_deg": [70.0, -1.0, 30.0]}})
+    pages = [np.asarray(contact_sheet(folder, [], view, 300, "rgb")) for view in (None, 1, 0)]
+    assert np.array_equal(pages[0], pages[1])
+    assert pages[0].shape != pages[2].shape or (pages[0] != pages[2]).any()
+
+
+def test_a_subject_that_is_not_seen_is_named(build: Build) -> None:
+    unseen = {**figure(40, 50), "mask": np.zeros(SHAPE, dtype=bool)}
+    folder = build({"a": {"maps": figure(40, 50)}, "b": {"maps": unseen}})
+    with pytest.raises(ValueError, match="b is not seen in view 0; set --view"):
+        contact_sheet(folder, [], None, 300, "rgb")
+    assert contact_sheet(folder, ["a"], None, 300, "rgb").width == 300

@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
-from trimesh.triangles import closest_point
 
 from subjects.open.base import surface
 from subjects.open.base.surface import Piece
 
 _CHUNK = 1 << 20
-"""Pairs of a line and a triangle, or of a point and a triangle, that are looked at at once."""
+"""Pairs of a line and a triangle that are looked at at once."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,6 @@ def through_share(
     garment_faces: np.ndarray,
     solid_vertices: np.ndarray,
     solid_faces: np.ndarray,
-    tolerance: float = 0.0,
 ) -> float:
     """Share of a garment's area that lies inside a solid; a triangle lies where its centroid does.
 
@@ -67,7 +64,6 @@ def through_share(
         solid_vertices: (M, 3) metres.
         solid_faces: (G, 3) int, closed, counter-clockwise seen from outside. Parts of the solid
             may overlap: what is inside any of them is inside.
-        tolerance: metres; what is nearer than this to the solid's surface does not count.
 
     Raises:
         ValueError: the solid is not closed, or the garment has no area.
@@ -79,10 +75,7 @@ def through_share(
     if not area.sum() > 0:
         raise ValueError("the garment has no area")
     centroids = corners.mean(axis=1)
-    inside = np.flatnonzero(winding_numbers(centroids, solid_vertices, solid_faces) > 0)
-    if tolerance > 0:
-        deep = _clear(centroids[inside], solid_vertices[solid_faces], tolerance)
-        inside = inside[deep]
+    inside = winding_numbers(centroids, solid_vertices, solid_faces) > 0
     return float(area[inside].sum() / area.sum())
 
 
@@ -251,22 +244,3 @@ def _spread(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """For counts (2, 0, 3): items (0, 0, 2, 2, 2) and their steps (0, 1, 0, 1, 2)."""
     item = np.repeat(np.arange(len(count)), count)
     return item, np.arange(len(item)) - np.repeat(np.cumsum(count) - count, count)
-
-
-def _clear(points: np.ndarray, triangles: np.ndarray, distance: float) -> np.ndarray:
-    """(P,) bool: which of `points` have no point of the triangles (F, 3, 3) within `distance`."""
-    middle = triangles.mean(axis=1)
-    radius = np.linalg.norm(triangles - middle[:, None], axis=2).max()
-    tree = cKDTree(middle)
-    result = np.ones(len(points), dtype=bool)
-    for part in np.array_split(np.arange(len(points)), len(points) // 512 + 1):
-        # No triangle reaches further from its middle than the radius.
-        near = tree.query_ball_point(points[part], distance + radius, return_sorted=True)
-        item = np.repeat(np.arange(len(near)), [len(n) for n in near])
-        if len(item) == 0:
-            continue
-        face = np.concatenate([np.asarray(n, dtype=np.int64) for n in near])
-        at = points[part[item]]
-        gap = np.linalg.norm(closest_point(triangles[face], at) - at, axis=1)
-        result[part[item[gap <= distance]]] = False
-    return result

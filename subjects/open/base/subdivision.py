@@ -15,7 +15,7 @@ class Refinement:
     Attributes:
         matrix: (M, N) sparse; fine vertices = matrix @ coarse vertices.
         quads: (F', 4) int32 fine faces.
-        corners: (F', 4, 2) float64, chart coordinates of the fine corners (bilinear).
+        corners: (F', 4, D) float64, values of the fine corners (bilinear), such as charts.
     """
 
     matrix: sparse.csr_matrix

@@ -78,7 +78,7 @@ def averaging(faces: np.ndarray, count: int) -> sparse.csr_matrix:
 
     A vertex on the border takes the mean of its border neighbours alone, so hems stay hems.
     """
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges = _edges(faces)
     both = np.concatenate([edges, edges[:, ::-1]])
     pairs = sparse.coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
     rim = (pairs == 1).astype(float).tocsr()
@@ -129,26 +129,14 @@ def pushed_out(
         place: (N, 3) template coordinates; a sleeve looks for the arm, not for the hip that the
             arm hangs beside, because both places count in the search.
     """
-    height, near = _above(vertices, place, solid)
-    # The closest three share one tangent plane or disagree at a crease: the mean serves both.
-    direction = solid.normals[near].mean(axis=1)
-    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-9)
-    lack = np.maximum(gap - height, 0.0)
-    return vertices + direction * lack[:, None]
-
-
-def sunk(vertices: np.ndarray, place: np.ndarray, solid: Solid) -> np.ndarray:
-    """(N,) metres that each vertex lies under a solid's surface; see `pushed_out`."""
-    height, _ = _above(vertices, place, solid)
-    return np.maximum(-height, 0.0)
-
-
-def _above(vertices: np.ndarray, place: np.ndarray, solid: Solid) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) least height over the three nearest vertices' planes, and (N, 3) which they are."""
     tree = cKDTree(np.concatenate([solid.vertices, 0.6 * solid.place], axis=1))
     _, near = tree.query(np.concatenate([vertices, 0.6 * place], axis=1), k=3)
     height = ((vertices[:, None] - solid.vertices[near]) * solid.normals[near]).sum(axis=2)
-    return height.min(axis=1), near
+    # The closest three share one tangent plane or disagree at a crease: the mean serves both.
+    direction = solid.normals[near].mean(axis=1)
+    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-9)
+    lack = np.maximum(gap - height.min(axis=1), 0.0)
+    return vertices + direction * lack[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,13 +257,13 @@ def _onto_hem(
     return ((keep + step) @ matrix).tocsr(), uv + shift, field
 
 
-def hemmed(piece: Piece, thickness: float, rings: int, reach: np.ndarray) -> Piece:
+def hemmed(piece: Piece, thickness: float, rings: int, reach: float) -> Piece:
     """The piece with its borders turned in, so that an opening shows cloth and not the void.
 
     Args:
         thickness: metres between the outer layer and the inner one.
-        rings: how many triangles deep the inner layer goes.
-        reach: (N,) metres that it goes on from there towards the limb.
+        rings: how many triangles deep the inner layer goes, 1 or more.
+        reach: metres that it goes on from there towards the limb.
     """
     n = len(piece.vertices)
     outward = normals(piece.vertices, piece.faces)
@@ -284,7 +272,7 @@ def hemmed(piece: Piece, thickness: float, rings: int, reach: np.ndarray) -> Pie
         outward = 0.5 * outward + 0.5 * (mean @ outward)
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
     near = np.zeros(n, dtype=bool)
-    near[_border(piece.faces, piece.uv)[0].ravel()] = True
+    near[border(piece.faces).ravel()] = True
     for _ in range(rings):
         strip = near[piece.faces].any(axis=1)
         near[piece.faces[strip]] = True
@@ -299,11 +287,12 @@ def hemmed(piece: Piece, thickness: float, rings: int, reach: np.ndarray) -> Pie
 
     rim, rim_uv = _border(faces, uv)
     end = np.unique(rim)
+    assert (end >= n).all(), "a hem was not turned in: a border vertex has no inner one"
     beyond = np.full(len(vertices), -1)
     beyond[end] = len(vertices) + np.arange(len(end))
     flange, flange_uv = _band(rim, rim_uv, beyond)
     source = inner[end - n]
-    deep = vertices[end] - reach[source, None] * outward[source]
+    deep = vertices[end] - reach * outward[source]
     return Piece(
         np.concatenate([vertices, deep]),
         np.concatenate([faces, flange]),
@@ -311,14 +300,29 @@ def hemmed(piece: Piece, thickness: float, rings: int, reach: np.ndarray) -> Pie
     )
 
 
+def border(faces: np.ndarray) -> np.ndarray:
+    """Directed edges (E, 2) of one face only."""
+    edges = _edges(faces)
+    return edges[_single(edges)]
+
+
 def _border(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Directed edges (E, 2) of one face only, and their chart coordinates (E, 2, 2)."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    corner_uv = np.concatenate([uv[:, [0, 1]], uv[:, [1, 2]], uv[:, [2, 0]]])
-    size = int(faces.max()) + 1
+    """As `border`, and the edges' chart coordinates (E, 2, 2)."""
+    edges = _edges(faces)
+    single = _single(edges)
+    return edges[single], _edges(uv)[single]
+
+
+def _edges(corners: np.ndarray) -> np.ndarray:
+    """(3F, 2, ...) both ends of each triangle's sides, from its corners (F, 3, ...)."""
+    return np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+
+
+def _single(edges: np.ndarray) -> np.ndarray:
+    """(E,) bool: directed edges that no other runs against."""
+    size = int(edges.max()) + 1
     code = edges[:, 0].astype(np.int64) * size + edges[:, 1]
-    border = ~np.isin(edges[:, 1].astype(np.int64) * size + edges[:, 0], code)
-    return edges[border], corner_uv[border]
+    return ~np.isin(edges[:, 1].astype(np.int64) * size + edges[:, 0], code)
 
 
 def _band(edges: np.ndarray, uv: np.ndarray, partner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -363,16 +367,14 @@ def sewn(upper: Pattern, lower: Pattern, rims: tuple[np.ndarray, np.ndarray]) ->
 
 def on_border(faces: np.ndarray) -> np.ndarray:
     """(N,) bool: vertices on the border."""
-    edges, _ = _border(faces, np.zeros((*faces.shape, 2)))
     result = np.zeros(int(faces.max()) + 1, dtype=bool)
-    result[edges.ravel()] = True
+    result[border(faces).ravel()] = True
     return result
 
 
 def rim(faces: np.ndarray, start: int) -> np.ndarray:
     """The closed border that vertex `start` lies on: indices in the order of its directed edges."""
-    edges, _ = _border(faces, np.zeros((*faces.shape, 2)))
-    following = dict(edges.tolist())
+    following = dict(border(faces).tolist())
     loop = [start]
     while (after := following[loop[-1]]) != start:
         loop.append(after)

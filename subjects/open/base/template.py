@@ -19,6 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from subjects.open.base.subdivision import triangles
+
 BODY = "body"
 TIGHTS = "helper-tights"
 SKIRT = "helper-skirt"
@@ -93,6 +95,13 @@ def template() -> Template:
     points = np.array(vertices) * 0.1
     joints = {name: points[sorted(cube)].mean(axis=0) for name, cube in cubes.items()}
     return Template(points, groups, joints)
+
+
+@lru_cache(maxsize=1)
+def bare_body() -> tuple[np.ndarray, np.ndarray]:
+    """The base mesh's indices (M,) that are the bare body, and its triangles (F, 3) of those."""
+    indices, faces = np.unique(triangles(template().groups[BODY].quads), return_inverse=True)
+    return indices, faces.reshape(-1, 3)
 
 
 def model_cache() -> Path:

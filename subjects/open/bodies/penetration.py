@@ -10,6 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from subjects.open.base import surface
 from subjects.open.base.subdivision import triangles
 from subjects.open.base.template import BODY, bone_weights, template
 
@@ -70,15 +71,10 @@ def _tested() -> list[tuple[int, int, np.ndarray]]:
 
 def _caps(faces: np.ndarray) -> list[np.ndarray]:
     """The border loops of `faces`, each as directed edges (E, 2) that close it."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    size = int(edges.max()) + 1
-    code, back = (
-        edges[:, 0].astype(np.int64) * size + edges[:, 1],
-        edges[:, 1].astype(np.int64) * size + edges[:, 0],
-    )
-    border = edges[~np.isin(code, back)][:, ::-1]
+    border = surface.border(faces)[:, ::-1]
     if len(border) == 0:
         return []
+    size = int(border.max()) + 1
     graph = coo_matrix((np.ones(len(border)), (border[:, 0], border[:, 1])), shape=(size, size))
     component = connected_components(graph, directed=False)[1][border[:, 0]]
     return [border[component == k] for k in np.unique(component)]
@@ -89,8 +85,11 @@ def _part_caps() -> list[list[np.ndarray]]:
     return [_caps(faces) for _, faces, _ in _parts()]
 
 
-def winding_number(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """How often the triangles (F, 3, 3) wind around each of `points` (P, 3).
+def solid_angle_winding(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """How often the triangles (F, 3, 3) wind around each of `points` (P, 3), to rounding.
+
+    They are corners and no mesh, so a part's lids need no vertices of their own;
+    `measure.winding_numbers` counts exactly, but asks for a mesh that closes.
 
     Source: van Oosterom and Strackee 1983, the solid angle of a triangle.
     """
@@ -155,7 +154,7 @@ def penetration(vertices: np.ndarray) -> tuple[float, str]:
         closed = np.concatenate([solid, *lids])
         for start in range(0, len(order), 16):
             some = order[start : start + 16]
-            wound = winding_number(points[some], closed) > 0.5
+            wound = solid_angle_winding(points[some], closed) > 0.5
             if wound.any():
                 worst, where = float(depth[some][wound].max()), f"{parts[a][0]} in {name}"
                 break

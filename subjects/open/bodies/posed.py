@@ -11,12 +11,11 @@ from scipy.spatial.transform import Rotation
 from subjects.mesh import MeshError
 from subjects.open.base import surface
 from subjects.open.base.subdivision import triangles
-from subjects.open.base.template import BODY, template
+from subjects.open.base.template import BODY, bare_body, template
 from subjects.open.bodies import body
 from subjects.open.bodies.penetration import ALLOWED, penetration
 from subjects.open.bodies.poses import POSES
 from subjects.open.bodies.skeleton import Pose, mirrored, rotations, varied
-from subjects.open.clothes.shoes import shoe_last
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,7 +33,8 @@ class Posed:
 
     Attributes:
         vertices: (19158, 3) base mesh in the world frame, before it is set on the ground.
-        last: the same with the feet of the tights made into shoes.
+        rest: the body before.
+        transforms: (J, 4, 4) that take the bones of `rest` to the pose, see `body.skin`.
         depth: metres that one limb, as thick as clothes make it, stands inside another part,
             and `where`.
         attempts: draws it took, those of poses given up included.
@@ -43,7 +43,8 @@ class Posed:
     name: str
     pose: Pose
     vertices: np.ndarray
-    last: np.ndarray
+    rest: body.Rest
+    transforms: np.ndarray
     depth: float
     where: str
     attempts: int
@@ -69,8 +70,7 @@ def draw_pose(
     Raises:
         MeshError: none of the poses suits the body.
     """
-    skin = np.unique(template().groups[BODY].quads)
-    last = shoe_last(rest.vertices)
+    skin, _ = bare_body()
     draws = 0
     for name in _order(names, hard_share, generator):
         pose = POSES[name]
@@ -86,8 +86,7 @@ def draw_pose(
                 break  # arms that reach too high do so in every variation
             depth, where = penetration(clad(vertices))
             if depth <= ALLOWED:
-                shod = body.skin(last, transforms)
-                return Posed(name, drawn, vertices, shod, depth, where, draws)
+                return Posed(name, drawn, vertices, rest, transforms, depth, where, draws)
             if "arm" in where:
                 arm_room += CLEARANCE_STEP
             else:

@@ -44,7 +44,7 @@ LIMITS: dict[str, tuple[float, float]] = {
     "knee": (0.0, 135.0),
     "ankle": (-50.0, 20.0),
 }
-"""Least and greatest of each angle that `angles` tells, degrees.
+"""Least and greatest of each joint's angles, degrees.
 
 Source: American Academy of Orthopaedic Surgeons, Joint Motion: Method of Measuring and Recording
 (1965), the normal ranges of adults. Its shoulder rotation, 90 degrees out and 70 in, is the upper
@@ -225,38 +225,8 @@ def as_json(pose: Pose) -> dict[str, Any]:
     return asdict(pose)
 
 
-def angles(pose: Pose) -> dict[str, float]:
-    """Every joint angle that `LIMITS` bounds, degrees, under "name" or "name L" and "name R"."""
-    result = {}
-    for part, values in (("head", pose.head), ("trunk", pose.trunk)):
-        for way, value in zip(("forward", "turn", "tilt"), values, strict=True):
-            result[f"{part} {way}"] = value
-    for (side, sign), arm, leg in zip(
-        SIDES, (pose.left_arm, pose.right_arm), (pose.left_leg, pose.right_leg), strict=True
-    ):
-        upper, fore = _unit(np.array(arm.upper)), _unit(np.array(arm.fore))
-        dorsal = 0.0 if leg.pitch is None else leg.knee - leg.forward - leg.pitch
-        found = {
-            "shoulder extension": _degrees_of_sine(-upper[2]),
-            "shoulder across": _degrees_of_sine(-upper[0]),
-            "shoulder rotation": _inward_rotation(upper, fore),
-            "elbow": float(np.degrees(np.arccos(np.clip(upper @ fore, -1.0, 1.0)))),
-            "pronation": arm.pronation,
-            "wrist": arm.wrist,
-            "finger": max(arm.hand.curl),
-            "thumb": arm.hand.thumb,
-            "hip flexion": leg.forward + pose.hips[0],
-            "hip abduction": leg.outward - sign * pose.hips[2],
-            "hip rotation": leg.toes - sign * pose.hips[1],
-            "knee": leg.knee,
-            "ankle": dorsal,
-        }
-        result |= {f"{name} {side}": value for name, value in found.items()}
-    return result
-
-
 def limited(pose: Pose) -> Pose:
-    """The pose nearest to `pose` whose `angles` keep to `LIMITS`."""
+    """The pose nearest to `pose` whose joints keep to `LIMITS`."""
 
     def clip(name: str, value: float, zero: float = 0.0) -> float:
         low, high = LIMITS[name]
@@ -350,10 +320,6 @@ def _lean(values: Direction) -> np.ndarray:
 
 def _unit(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v)
-
-
-def _degrees_of_sine(sine: float) -> float:
-    return float(np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0))))
 
 
 def _frame(along: np.ndarray, axis: np.ndarray) -> np.ndarray:

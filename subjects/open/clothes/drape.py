@@ -11,14 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
+from subjects.mesh import MeshError
 from subjects.open.clothes.outfit import Material
 
 ROOT = Path(__file__).parents[3]
-TIME_LIMIT = 600
+TIME_LIMIT = 1800
 """Seconds after which a solve is given up."""
 LARGEST_STRETCH = 2.0
 """Times an edge's length as cut that 99 % of the edges may reach."""
-LARGEST_SPEED = 0.02
+LARGEST_SPEED = 0.012
 """Metres between the last two frames (1/25 s) that 99 % of the vertices may move."""
 PIN_LEVELS = 8
 """Steps from free to pinned; the solver takes one weight at a time."""
@@ -26,6 +27,10 @@ PIN_LEVELS = 8
 
 class DrapeError(RuntimeError):
     """Cloth that tore, exploded or did not come to rest; another draw may do better."""
+
+
+class SolverError(MeshError):
+    """The solver failed, and no cloth: another draw would hide it, and change who is drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +58,7 @@ def drape(
     layers: list[Layer],
     body: np.ndarray,
     faces: np.ndarray,
+    scratch: Path,
     *,
     moving: int,
     settling: int,
@@ -66,6 +72,7 @@ def drape(
         layers: from the innermost outwards.
         body: (K, M, 3) the shapes that the body passes through, metres.
         faces: (F, 3) int.
+        scratch: folder for what goes to the solver and back; nothing is left in it.
         moving: frames (1/25 s) in which the body does so.
         settling: frames in which it then stands still and the cloth comes to rest.
         reach: metres within which body and cloth feel each other; a limb that moves further in a
@@ -75,7 +82,8 @@ def drape(
         (N, 3) of each layer.
 
     Raises:
-        DrapeError: the solver failed, or a garment tore, exploded or did not settle.
+        DrapeError: a garment tore, exploded or did not settle.
+        SolverError: the solver itself failed.
     """
     packed: dict[str, np.ndarray] = {
         "body": body,
@@ -90,7 +98,7 @@ def drape(
         packed[f"pin_{i}"] = np.rint(layer.pin * PIN_LEVELS) / PIN_LEVELS
         m = layer.material
         packed[f"material_{i}"] = np.array([m.mass, m.stiffness, m.bending, m.slack])
-    with tempfile.TemporaryDirectory(prefix="rectoverso-") as name:
+    with tempfile.TemporaryDirectory(prefix=".cloth-", dir=scratch) as name:
         source, target = Path(name) / "in.npz", Path(name) / "out.npz"
         np.savez(source, **packed)
         _solve(source, target)
@@ -109,7 +117,7 @@ def _solve(source: Path, target: Path) -> None:
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     try:
         done = subprocess.run(
-            command,
+            [*command, str(os.getpid())],
             env={**os.environ, "PYTHONPATH": path},
             stdin=subprocess.DEVNULL,
             capture_output=True,
@@ -118,27 +126,44 @@ def _solve(source: Path, target: Path) -> None:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        raise DrapeError(f"the cloth solver took more than {TIME_LIMIT} s") from None
+        raise SolverError(
+            f"the cloth solver took more than {TIME_LIMIT} s; run fewer jobs side by side"
+        ) from None
     if done.returncode != 0 or not target.is_file():
         said = done.stderr.strip().splitlines()
+        raise SolverError(
+            f"the cloth solver ended with {done.returncode}: {said[-1] if said else 'no word'}"
+        )
+
+
+def stretch(layer: Layer, shape: np.ndarray) -> float:
+    """Times its length as cut that an edge reaches, at the 99 % quantile.
+
+    Args:
+        shape: (N, 3) where the layer's cloth lies.
+    """
+    f = layer.faces
+    edges = np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]])
+
+    def lengths(vertices: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+
+    return float(np.quantile(lengths(shape) / np.maximum(lengths(layer.flat), 1e-6), 0.99))
+
+
+def check_stretch(layer: Layer, shape: np.ndarray) -> None:
+    """Raise DrapeError if the cloth that lies at `shape` (N, 3) is torn."""
+    reached = stretch(layer, shape)
+    if reached > LARGEST_STRETCH:
         raise DrapeError(
-            f"the cloth solver ended with {done.returncode}: {said[-1] if said else ''}"
+            f"the cloth is torn: 1 % of its edges are over {reached:.2f} times as long"
         )
 
 
 def _check(layer: Layer, before: np.ndarray, last: np.ndarray) -> None:
     if not np.isfinite(last).all():
         raise DrapeError("the cloth exploded")
-    edges = np.concatenate([layer.faces[:, [0, 1]], layer.faces[:, [1, 2]], layer.faces[:, [2, 0]]])
-
-    def lengths(shape: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(shape[edges[:, 0]] - shape[edges[:, 1]], axis=1)
-
-    stretch = float(np.quantile(lengths(last) / np.maximum(lengths(layer.flat), 1e-6), 0.99))
-    if stretch > LARGEST_STRETCH:
-        raise DrapeError(
-            f"the cloth is torn: 1 % of its edges are over {stretch:.2f} times as long"
-        )
+    check_stretch(layer, last)
     speed = float(np.quantile(np.linalg.norm(last - before, axis=1), 0.99))
     if speed > LARGEST_SPEED:
         raise DrapeError(f"the cloth did not settle: it moves {speed * 1e3:.0f} mm a frame")

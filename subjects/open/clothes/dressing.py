@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,9 @@ from subjects.open.base import surface
 from subjects.open.base.measure import through_share, winding_numbers
 from subjects.open.base.subdivision import Refinement, triangles
 from subjects.open.base.surface import Solid
-from subjects.open.base.template import BODY, template, weight_of
+from subjects.open.base.template import bare_body, template, weight_of
 from subjects.open.clothes import garments
-from subjects.open.clothes.drape import DrapeError, Layer, drape
+from subjects.open.clothes.drape import DrapeError, Layer, check_stretch, drape
 from subjects.open.clothes.outfit import Material, Outfit
 from subjects.open.clothes.sheet import Sheet, sheets
 from subjects.open.clothes.worn import Worn
@@ -45,6 +46,8 @@ SPIKE = 0.0025
 """Metres that a vertex may stand off its neighbours' mean."""
 FREED_GAP = 0.002
 """Metres off the skin at which cloth is laid that was inside the body."""
+LARGEST_FREED = 0.03
+"""Share of a garment's area that the solver may leave inside the body, to be freed."""
 LARGEST_THROUGH = 0.005
 """Share of a garment's area that may lie inside the body."""
 HIDING = 0.03
@@ -56,6 +59,7 @@ def dress(
     shapes: np.ndarray,
     skin: Refinement,
     generator: np.random.Generator,
+    scratch: Path,
 ) -> tuple[list[Worn], list[dict[str, Any]]]:
     """The outfit's garments on a body, from the innermost outwards.
 
@@ -64,44 +68,55 @@ def dress(
             to drape cloth on the way; of one shape alone, the garments are laid over it with
             painted folds.
         skin: the body's refinement, which the garments must stay outside of.
+        scratch: a folder for the solver.
 
     Returns:
         the garments, and what became of each: JSON-ready.
 
     Raises:
         DrapeError: the cloth tore, exploded, did not settle or went through the body.
+        SolverError: the solver itself failed.
     """
     coarse = sheets(outfit, generator)
     fine = [sheet.finer() for sheet in coarse]
-    used, faces = _body()
     bare, solid = _exposed(skin, shapes[-1]), _solid(skin, shapes[-1])
-    result = []
-    if len(shapes) == 1:
-        for sheet, _ in fine:
-            vertices = sheet.folded(sheet.laid(shapes[-1], solid), solid)
-            result.append(sheet.worn(_freed(sheet, vertices, shapes[-1], bare)))
-            solid = surface.both(solid, result[-1].solid)
-    else:
-        draped = _draped(coarse, fine, shapes, skin)
-        for (sheet, _), vertices in zip(fine, draped, strict=True):
-            vertices = _freed(sheet, _smooth(sheet, vertices, solid), shapes[-1], bare)
-            result.append(sheet.worn(vertices))
-            solid = surface.both(solid, result[-1].solid)
-
-    reports = []
-    for worn in result:
-        share = through_share(worn.vertices, worn.cloth.faces, shapes[-1][used], faces)
-        if share >= LARGEST_THROUGH:
-            raise DrapeError(f"{share:.1%} of the {worn.garment.kind} lies inside the body")
+    layers = None if len(shapes) == 1 else _draped(coarse, fine, shapes, skin, scratch)
+    result, reports = [], []
+    for k, (sheet, _) in enumerate(fine):
+        if layers is None:
+            vertices = found = sheet.folded(sheet.laid(shapes[-1], solid), solid)
+        else:
+            found = layers[k].start
+            vertices = _smooth(sheet, found, solid)
+        vertices = _freed(sheet, vertices, shapes[-1], bare)
+        if layers is not None:
+            check_stretch(layers[k], vertices)
+        worn = sheet.worn(vertices)
+        result.append(worn)
+        solid = surface.both(solid, worn.solid)
         reports.append(
             {
                 "garment": worn.garment.kind,
                 "material": worn.garment.material.name,
                 "soft_and_loose": worn.garment.material.soft and worn.garment.loose,
-                "through_share": round(share, 6),
+                "freed_share": _inside(worn, found, shapes[-1], LARGEST_FREED),
+                "through_share": _inside(worn, vertices, shapes[-1], LARGEST_THROUGH),
             }
         )
     return result, reports
+
+
+def _inside(worn: Worn, vertices: np.ndarray, body: np.ndarray, bound: float) -> float:
+    """Share of the garment's area inside the body where it lies at `vertices`.
+
+    Raises:
+        DrapeError: it reaches `bound`.
+    """
+    used, faces = bare_body()
+    share = through_share(vertices, worn.cloth.faces, body[used], faces)
+    if share >= bound:
+        raise DrapeError(f"{share:.1%} of the {worn.garment.kind} lies inside the body")
+    return round(share, 6)
 
 
 def _draped(
@@ -109,8 +124,13 @@ def _draped(
     fine: list[tuple[Sheet, csr_matrix]],
     shapes: np.ndarray,
     skin: Refinement,
-) -> list[np.ndarray]:
-    """Coarse cloth goes along into the pose; fine cloth, begun where it came to rest, folds."""
+    scratch: Path,
+) -> list[Layer]:
+    """Coarse cloth goes along into the pose; fine cloth, begun where it came to rest, folds.
+
+    Returns:
+        the fine layers, `start` where they came to rest.
+    """
     layers, solid = [], _solid(skin, shapes[0])
     for sheet in coarse:
         start = sheet.laid(shapes[0], solid, START_GAP)
@@ -119,7 +139,7 @@ def _draped(
         goal = carried + (start - carried[0])
         layers.append(Layer(start, goal, start, sheet.cloth.faces, sheet.pin, _stiffer(sheet)))
         solid = surface.both(solid, sheet.worn(start).solid)
-    used, faces = _body()
+    used, faces = bare_body()
     # Fingers would hook the hems that they pass.
     hand = weight_of(HAND)[used] > 0.5
     bare = faces[~hand[faces].any(axis=1)]
@@ -127,6 +147,7 @@ def _draped(
         layers,
         shapes[:, used],
         bare,
+        scratch,
         moving=_frames(shapes[:, used][:, ~hand]),
         settling=SETTLING,
         reach=COARSE_REACH,
@@ -148,7 +169,10 @@ def _draped(
             )
         )
         solid = surface.both(solid, sheet.worn(start).solid)
-    return drape(finer, shapes[-1:, used], faces, moving=0, settling=FOLDING, reach=FINE_REACH)
+    folded = drape(
+        finer, shapes[-1:, used], faces, scratch, moving=0, settling=FOLDING, reach=FINE_REACH
+    )
+    return [replace(layer, start=last) for layer, last in zip(finer, folded, strict=True)]
 
 
 def _stiffer(sheet: Sheet) -> Material:
@@ -186,7 +210,7 @@ def _freed(sheet: Sheet, shape: np.ndarray, body: np.ndarray, bare: Solid) -> np
 
     A shirt's side that the arm came down on is inside the arm; it belongs on the trunk.
     """
-    used, faces = _body()
+    used, faces = bare_body()
     mean = surface.averaging(sheet.cloth.faces, len(shape))
     tree = cKDTree(np.concatenate([bare.vertices, 0.6 * bare.place], axis=1))
     for rounds in (4, 4, 2, 0, 0):
@@ -235,12 +259,6 @@ def hidden(
     return result
 
 
-def _body() -> tuple[np.ndarray, np.ndarray]:
-    """The base mesh's indices that are the bare body, and its triangles of those."""
-    used, faces = np.unique(triangles(template().groups[BODY].quads), return_inverse=True)
-    return used, faces.reshape(-1, 3)
-
-
 def _solid(skin: Refinement, shape: np.ndarray) -> Solid:
     vertices = skin.matrix @ shape
     faces = triangles(skin.quads)
@@ -249,7 +267,7 @@ def _solid(skin: Refinement, shape: np.ndarray) -> Solid:
 
 def _exposed(skin: Refinement, shape: np.ndarray) -> Solid:
     """The skin that is not pressed against another limb: where there is room for cloth."""
-    used, faces = _body()
+    used, faces = bare_body()
     solid = _solid(skin, shape)
     above = solid.vertices + 2 * FREED_GAP * solid.normals
     free = winding_numbers(above, shape[used], faces) == 0

@@ -14,6 +14,7 @@ import numpy as np
 
 from subjects.open.base import surface
 from subjects.open.base.atlas import OUTER, chart
+from subjects.open.base.ramp import ramp
 from subjects.open.base.subdivision import Refinement, refine, triangles
 from subjects.open.base.surface import Pattern
 from subjects.open.base.template import TIGHTS, template, weight_of
@@ -153,9 +154,3 @@ def pattern(group: str, field: np.ndarray) -> Pattern:
     """The part of a chart's group where `field` is negative."""
     fine, _, _ = refined(group)
     return surface.cut(fine.matrix, triangles(fine.quads), triangles(fine.corners), field)
-
-
-def ramp(value: np.ndarray, start: float, end: float) -> np.ndarray:
-    """Smooth 0 to 1 from `start` to `end`."""
-    t = np.clip((value - start) / (end - start), 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)

@@ -87,7 +87,7 @@ class Bottom:
     ease: float
     """How far a leg stands off at the cuff, or a skirt at its hem."""
     belt: bool
-    """Whether a belt with a buckle holds it."""
+    """Whether a belt with a buckle holds it: where a tucked top leaves it to be seen."""
     pockets: bool
     """Whether it has pockets on the back."""
     material: Material
@@ -247,7 +247,7 @@ def _draw_bottom(generator: np.random.Generator, skirt: bool, tucked: bool) -> B
         waist=round(float(generator.uniform(0.110, 0.135)), 3),
         cuff=round(float(cuff), 3),
         ease=round(float(generator.uniform(0.010, 0.040)), 4),
-        belt=bool(kind != "skirt" and (tucked or generator.random() < 0.35)),
+        belt=kind != "skirt" and tucked,
         pockets=bool(kind != "skirt" and generator.random() < 0.8),
         material=draw_material(generator, CLOTH_OF[kind]),
     )

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from subjects.open.base import surface
+from subjects.open.base import lattice, surface
+from subjects.open.base.chart import Chart
+from subjects.open.base.ramp import ramp
 from subjects.open.base.subdivision import loop
 from subjects.open.base.surface import Pattern, Piece, Solid
 from subjects.open.base.template import TIGHTS, template
-from subjects.open.clothes.garments import pattern, ramp, refined
-from subjects.open.trims import lattice
-from subjects.open.trims.chart import Chart
+from subjects.open.clothes.garments import pattern, refined
 
 INSOLE = 0.003
 """Metres between the tights and the last's underside."""
@@ -163,8 +163,7 @@ def shoes(footwear: str, shoe: float, last: np.ndarray, foot: Solid) -> list[Pie
         flat = np.stack([aside, place[:, 2]], axis=1)[faces]
         pieces += _laces(make, Chart(faces, flat, shaped, out, np.ones(2)), side)
     plain = Piece(shaped, cloth.faces, cloth.uv)
-    reach = np.full(len(shaped), 0.02)
-    return [surface.hemmed(plain, 0.003, rings=4, reach=reach), *pieces]
+    return [surface.hemmed(plain, 0.003, rings=4, reach=0.02), *pieces]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Blender's cloth solver as a process of its own.
 
-    python -m subjects.open.clothes.solver IN.npz OUT.npz
+    python -m subjects.open.clothes.solver IN.npz OUT.npz PARENT
 
 The only file under subjects that imports Blender. IN.npz holds the moving body and the layers of
 cloth from the innermost outwards, OUT.npz gets each layer's last two shapes.
@@ -8,6 +8,9 @@ cloth from the innermost outwards, OUT.npz gets each layer's last two shapes.
 
 from __future__ import annotations
 
+import ctypes
+import os
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -15,6 +18,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+PR_SET_PDEATHSIG = 1
 STEPS = 5
 """Steps of the solver in each frame (1/25 s)."""
 
@@ -118,5 +122,13 @@ def _solve(
     return np.array(shapes)
 
 
+def _die_with(parent: int) -> None:
+    """Have the kernel end this process with the one that waits for it."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it went before it could be asked
+        sys.exit(1)
+
+
 if __name__ == "__main__":
+    _die_with(int(sys.argv[3]))
     main(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -50,8 +50,7 @@ class Worn:
             hidden: (N,) bool, vertices that need not be there, being under other cloth.
         """
         outer = Piece(self.vertices, self.cloth.faces, self.cloth.uv)
-        reach = np.full(len(self.vertices), FLANGE)
-        whole = surface.hemmed(outer, self.garment.material.thickness, rings=6, reach=reach)
+        whole = surface.hemmed(outer, self.garment.material.thickness, rings=6, reach=FLANGE)
         shown = np.ones(len(whole.faces), dtype=bool)
         shown[: len(outer.faces)] = ~hidden[outer.faces].all(axis=1)
         return Piece(whole.vertices, whole.faces[shown], whole.uv[shown])

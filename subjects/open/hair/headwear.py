@@ -8,8 +8,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from subjects.open.base.atlas import cell
+from subjects.open.base.ramp import ramp
 from subjects.open.base.surface import Piece, normals
-from subjects.open.clothes.garments import ramp
 from subjects.open.hair.head import MIDDLE, Head
 
 ROUND, ROWS = 144, 22

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, map_coordinates
+from scipy.ndimage import gaussian_filter1d
 
+from subjects.open.base.mask import masked
+from subjects.open.base.ramp import ramp
 from subjects.open.base.surface import Piece
-from subjects.open.base.template import data_folder
-from subjects.open.clothes.garments import ramp
 from subjects.open.hair import locks
 from subjects.open.hair.head import Head
 from subjects.open.hair.headwear import azimuth, elevation, put_on
@@ -18,23 +17,6 @@ from subjects.open.hair.headwear import azimuth, elevation, put_on
 # Height of the hairline over depth (template metres): nape, behind the ear, temple, forehead.
 LINE_Z = np.array([-0.06, -0.01, 0.025, 0.055, 0.085, 0.105, 0.14])
 LINE_Y = np.array([0.668, 0.690, 0.715, 0.722, 0.765, 0.790, 0.806])
-
-
-@lru_cache(maxsize=8)
-def mask(name: str) -> np.ndarray:
-    """A black-and-white picture over the body's charts, (2048, 2048) float in [0, 1]."""
-    from PIL import Image
-
-    with Image.open(data_folder() / "textures" / f"mpfb_{name}.jpg") as image:
-        return np.asarray(image.convert("L"), dtype=np.float32) / 255.0
-
-
-def masked(name: str, uv: np.ndarray) -> np.ndarray:
-    """The mask's value at chart coordinates (N, 2)."""
-    picture = mask(name)
-    h, w = picture.shape
-    at = [(1.0 - uv[:, 1]) * h - 0.5, uv[:, 0] * w - 0.5]
-    return map_coordinates(picture, at, order=1, mode="nearest")
 
 
 def growth(place: np.ndarray, uv: np.ndarray) -> np.ndarray:
@@ -56,7 +38,7 @@ def raised(
 
     Args:
         grown: (N,) from `growth`.
-        style: one of STYLES.
+        style: a key of RISE.
         headwear: none, cap or beanie, which press hair down.
         rough: (N,) in [-1, 1], unevenness of the hair.
     """
@@ -101,7 +83,6 @@ CUTS: dict[str, Cut] = {
 }
 """Bald and cropped heads have no locks."""
 RISE = {"bald": 0.0, "cropped": 0.0035} | {style: cut.rise for style, cut in CUTS.items()}
-STYLES = tuple(RISE)
 
 
 def styled(
@@ -113,7 +94,7 @@ def styled(
     """The locks of a hair style, and the cap or beanie over them.
 
     Args:
-        style: one of STYLES.
+        style: a key of RISE.
         headwear: none, cap or beanie.
     """
     hat, edge = put_on(headwear, head)
@@ -235,8 +216,8 @@ def _loose(
         close = 1.0 if cut.fall < 0.3 else ramp(here[:, 1], 0.70, 0.76)
         for _ in range(2):  # what meets a shoulder slides on along it, as long as before
             height, up = head.above(moved)
-            off = np.maximum(floor - height, 0.0) - close * np.maximum(height - ceiling, 0.0)
-            speed = moved + off[:, None] * up - path[:, k - 1]
+            push = np.maximum(floor - height, 0.0) - close * np.maximum(height - ceiling, 0.0)
+            speed = moved + push[:, None] * up - path[:, k - 1]
             speed /= np.maximum(np.linalg.norm(speed, axis=1, keepdims=True), 1e-9)
             # A lock rather goes into what is in its way than folds upon itself.
             sharp = ramp((speed * before).sum(axis=1), 0.6, 0.0)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from subjects.open.base.ramp import ramp
 from subjects.open.clothes import garments
-from subjects.open.clothes.garments import ramp
 from subjects.open.clothes.outfit import Bottom, Outfit
 from subjects.open.texture.brush import Clouds, box, felled, line, stitched, tinted
 from subjects.open.texture.fabric import Fabric, woven

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from subjects.open.clothes.garments import ramp
+from subjects.open.base.ramp import ramp
 from subjects.open.texture.palette import Colour
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from subjects.open.base.ramp import ramp
 from subjects.open.base.template import template
-from subjects.open.clothes.garments import ramp
 from subjects.open.texture.brush import Clouds, mix, tinted
 from subjects.open.texture.look import Look
 

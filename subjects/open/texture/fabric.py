@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from subjects.open.clothes.garments import ramp
+from subjects.open.base.ramp import ramp
 from subjects.open.texture.brush import Clouds, mix
 from subjects.open.texture.palette import Colour, contrasting, lightness, rounded
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from subjects.open.clothes.garments import ramp
+from subjects.open.base.ramp import ramp
 from subjects.open.clothes.outfit import Outfit
 from subjects.open.clothes.shoes import MAKES, shoe_field
 from subjects.open.texture.brush import Clouds, box, felled, line, mix, stitched, tinted

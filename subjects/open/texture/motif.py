@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from subjects.open.clothes.garments import ramp
+from subjects.open.base.ramp import ramp
 
 EDGE = 0.0010
 """Half the width of a print's soft edge, metres."""

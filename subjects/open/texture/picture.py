@@ -43,7 +43,7 @@ def paint(look: Look, outfit: Outfit, size: int, generator: np.random.Generator)
     for eye in EYES:
         joint = eye.removeprefix("helper-")
         put(eye, paint_eye(look, of(eye)[0], joint, cloud))
-    painters = trimmings(look, outfit, cloud)
+    painters = trimmings(look, cloud)
     for name in CELLS:
         put(name, painters[name](*of(name)[1].T))
     picture = np.round(np.clip(colour, 0.0, 1.0) * 255.0).astype(np.uint8)

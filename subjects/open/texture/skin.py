@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from subjects.open.base.mask import masked
+from subjects.open.base.ramp import ramp
 from subjects.open.base.template import template
-from subjects.open.clothes.garments import ramp
 from subjects.open.hair import style as hair
 from subjects.open.texture.brush import Clouds, line, mix, tinted
 from subjects.open.texture.look import Look
@@ -84,7 +85,7 @@ def _limbs(
         near = near * (ramp(z, 0.0, -0.02) if name == "elbow" else ramp(z, 0.03, 0.07))
         tinted(colour, skin * [0.90, 0.76, 0.73], 0.35 * near)
     tinted(colour, pale, 0.8 * ramp(y, -0.808, -0.814))
-    nails = hair.masked("fingernails", source) + hair.masked("toenails", source)
+    nails = masked("fingernails", source) + masked("toenails", source)
     tinted(colour, skin * 0.62 + [0.31, 0.24, 0.23], 0.75 * nails)
 
 
@@ -96,7 +97,7 @@ def _head(
     face = z > 0.06
     fine = cloud(place, (0.0014, 0.0035, 0.0035))
     red = skin * [1.02, 0.80, 0.78]
-    lips = hair.masked("lips", source)
+    lips = masked("lips", source)
 
     def spot(u: float, v: float, wide: float, high: float) -> np.ndarray:
         """A soft patch, on both sides alike."""
@@ -108,7 +109,7 @@ def _head(
     tinted(colour, red, flush * spot(0.042, 0.694, 0.020, 0.018))
     tinted(colour, red, 0.9 * flush * spot(0.0, 0.694, 0.013, 0.011))
     tinted(colour, red, 0.5 * flush * spot(0.0, 0.640, 0.016, 0.010))
-    tinted(colour, red, 0.35 * hair.masked("ears", source))
+    tinted(colour, red, 0.35 * masked("ears", source))
     tinted(colour, skin * [1.02, 1.0, 0.94], 0.30 * spot(0.0, 0.775, 0.045, 0.018))
     tinted(colour, skin * [0.80, 0.74, 0.76], 0.28 * spot(0.030, 0.714, 0.013, 0.005))
     tinted(colour, skin * [0.62, 0.46, 0.44], 0.75 * spot(0.0095, 0.6855, 0.0042, 0.0022))
@@ -123,7 +124,7 @@ def _head(
     crease = cloud(np.stack([x, y], axis=1), (0.0011, 0.02))
     lip = np.array(look.lips, dtype=np.float32) * (1.0 - 0.10 * upper + 0.05 * crease)[:, None]
     tinted(colour, lip, 0.80 * lips)
-    tinted(colour, skin * [0.60, 0.32, 0.32], hair.masked("inside-mouth", source))
+    tinted(colour, skin * [0.60, 0.32, 0.32], masked("inside-mouth", source))
     tinted(colour, np.array(look.lips) * 0.55, 0.7 * lips * line(y - MOUTH, 0.0012))
 
     colour = _eyes_and_brows(look, colour, place, fine)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from subjects.open.base.ramp import ramp
 from subjects.open.clothes import garments
-from subjects.open.clothes.garments import ramp
 from subjects.open.clothes.outfit import Outfit, Top
 from subjects.open.texture.brush import Clouds, felled, line, stitched, tinted
 from subjects.open.texture.fabric import Fabric, woven

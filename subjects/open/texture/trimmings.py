@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from subjects.open.base.atlas import HAIR
-from subjects.open.clothes.garments import ramp
-from subjects.open.clothes.outfit import Outfit
+from subjects.open.base.ramp import ramp
 from subjects.open.texture.brush import Clouds, felled, line, stitched, tinted
 from subjects.open.texture.fabric import Fabric, woven
 from subjects.open.texture.look import Look
@@ -21,7 +20,7 @@ from subjects.open.texture.tops import thread
 Painter = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-def trimmings(look: Look, outfit: Outfit, cloud: Clouds) -> dict[str, Painter]:
+def trimmings(look: Look, cloud: Clouds) -> dict[str, Painter]:
     """For each cell what gives the colours (N, 3) at its u, v (N,) in [0, 1]."""
     top, bottom, outer = look.top, look.bottom, look.outer or look.top
 

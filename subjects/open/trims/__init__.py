@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from subjects.open.base.chart import Chart
 from subjects.open.base.surface import Piece, Solid
 from subjects.open.clothes.outfit import Bottom, Outfit, Top
 from subjects.open.clothes.worn import Worn
 from subjects.open.trims import belt, buttons, chart, collar, hood, pockets, zips
 from subjects.open.trims.band import edge, line
-from subjects.open.trims.chart import Chart
 
 PLACKET_WIDTH = 0.032
 EDGE_WIDTH = 0.028
@@ -35,7 +35,8 @@ def of_top(worn: Worn, outfit: Outfit, around: Solid) -> list[Piece]:
 
     Args:
         worn: the top or the jacket.
-        around: what a collar and a hood must stay outside of: body and hair.
+        around: what a collar and a hood must stay outside of: the body, its scalp raised by the
+            hair; locks come later and lie over them.
     """
     top = worn.garment
     assert isinstance(top, Top)
@@ -58,8 +59,8 @@ def of_top(worn: Worn, outfit: Outfit, around: Solid) -> list[Piece]:
     return pieces
 
 
-def of_bottom(worn: Worn, outfit: Outfit) -> list[Piece]:
-    """Pockets on the back, and a belt where the top leaves it to be seen."""
+def of_bottom(worn: Worn) -> list[Piece]:
+    """Pockets on the back, and a belt."""
     bottom = worn.garment
     assert isinstance(bottom, Bottom)
     normal = chart.calmed(worn)
@@ -70,15 +71,9 @@ def of_bottom(worn: Worn, outfit: Outfit) -> list[Piece]:
         for side in (-1.0, 1.0):
             mouth = (side * 0.082, bottom.waist - 0.056)
             pieces.append(pockets.patch(back, mouth, shape, 0.0020, 0.002, "back_pocket", -1.0))
-    if belted(outfit):
+    if bottom.belt:
         pieces += belt.belt(chart.around_waist(worn, normal))
     return pieces
-
-
-def belted(outfit: Outfit) -> bool:
-    """Whether a belt is worn and seen: a top that hangs over the waistband hides it."""
-    top, bottom = outfit.top, outfit.bottom
-    return bool(bottom and bottom.belt and (top.tucked or top.hem > bottom.waist))
 
 
 def _fastened(front: Chart, top: Top, outfit: Outfit) -> list[Piece]:
@@ -142,4 +137,4 @@ def _side_pockets(trunk: Chart, top: Top) -> list[Piece]:
     return pieces
 
 
-__all__ = ["belted", "of_bottom", "of_top"]
+__all__ = ["of_bottom", "of_top"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from subjects.open.trims.chart import Chart
+from subjects.open.base.chart import Chart
 
 ROW = 0.004
 """Metres on the template from one row of a vertical band to the next."""

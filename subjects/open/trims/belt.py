@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from subjects.open.base import lattice
+from subjects.open.base.chart import Chart
 from subjects.open.base.surface import Piece
-from subjects.open.trims import lattice
-from subjects.open.trims.chart import Chart
 from subjects.open.trims.zips import plate
 
 WIDTH = 0.034

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from subjects.open.base import lattice
+from subjects.open.base.chart import Chart
 from subjects.open.base.surface import Piece
-from subjects.open.trims import band, lattice
-from subjects.open.trims.chart import Chart
+from subjects.open.trims import band
 
 SPACING = 0.072
 """Template metres from button to button."""

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from subjects.open.base import surface
+from subjects.open.base import lattice, surface
+from subjects.open.base.chart import Chart
+from subjects.open.base.ramp import ramp
 from subjects.open.base.surface import Piece, Solid
-from subjects.open.clothes.garments import ramp
 from subjects.open.clothes.worn import Worn
-from subjects.open.trims import lattice
-from subjects.open.trims.chart import Chart
 
 BAND_WIDTH = 0.020
 BAND_HEIGHT = 0.0022

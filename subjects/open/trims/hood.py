@@ -8,12 +8,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from subjects.open.base import surface
+from subjects.open.base import lattice, surface
+from subjects.open.base.chart import Chart
+from subjects.open.base.ramp import ramp
 from subjects.open.base.surface import Piece, Solid
-from subjects.open.clothes.garments import ramp
 from subjects.open.clothes.worn import Worn
-from subjects.open.trims import band, lattice
-from subjects.open.trims.chart import Chart
+from subjects.open.trims import band
 from subjects.open.trims.collar import down, upwards
 
 ROUND = 168

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from subjects.open.base import lattice
+from subjects.open.base.chart import Chart
 from subjects.open.base.surface import Piece
-from subjects.open.trims import band, lattice
-from subjects.open.trims.chart import Chart
+from subjects.open.trims import band
 
 HEIGHT = 0.002
 TAPE = 0.0006

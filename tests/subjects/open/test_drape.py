@@ -6,18 +6,23 @@ import json
 import re
 import subprocess
 import sys
+import tempfile
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
 from subjects.mesh import MeshError
 from subjects.open import OpenHumans
-from subjects.open.clothes import outfit
-from subjects.open.clothes.drape import DrapeError, Layer, drape
+from subjects.open.clothes import dressing, outfit
+from subjects.open.clothes.drape import DrapeError, Layer, SolverError, drape
 from subjects.open.clothes.outfit import Material
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -63,14 +68,18 @@ def skirt(material: Material) -> Layer:
 
 def fall(layer: Layer, body: np.ndarray | None = None, settling: int = 12) -> np.ndarray:
     shapes, faces = column()
-    return drape(
-        [layer],
-        shapes if body is None else body,
-        faces,
-        moving=20,
-        settling=settling,
-        reach=0.005,
-    )[0]
+    with tempfile.TemporaryDirectory() as scratch:
+        last = drape(
+            [layer],
+            shapes if body is None else body,
+            faces,
+            Path(scratch),
+            moving=20,
+            settling=settling,
+            reach=0.005,
+        )[0]
+        assert not list(Path(scratch).iterdir())
+    return last
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +117,7 @@ def test_cloth_that_explodes_is_refused():
 
 
 def test_cloth_still_in_flight_is_refused():
-    """Nothing holds it: it falls, and one frame after the body stops it falls faster than 2 cm."""
+    """Nothing holds it: it falls, and one frame after the body stops it still falls."""
     loose = replace(skirt(SOFT), pin=np.zeros(AROUND * DOWN))
     far = column()[0] + [5.0, 0.0, 0.0]
     with pytest.raises(DrapeError, match="did not settle"):
@@ -118,34 +127,49 @@ def test_cloth_still_in_flight_is_refused():
 def test_a_solver_that_fails_is_named():
     whole = skirt(SOFT)
     short = replace(whole, goal=whole.goal[:, :-1])
-    with pytest.raises(DrapeError, match=r"the cloth solver ended with 1: \w+"):
+    # No DrapeError: another draw would only hide it.
+    with pytest.raises(SolverError, match=r"the cloth solver ended with 1: \w+"):
         fall(short)
+
+
+def test_the_solver_dies_with_the_process_that_waits_for_it(tmp_path):
+    code = (
+        "import sys; from pathlib import Path; from subjects.open import OpenHumans\n"
+        "OpenHumans(poses=['a_pose']).make('open_0002', 0, Path(sys.argv[1]))"
+    )
+    human = subprocess.Popen([sys.executable, "-c", code, tmp_path], cwd=ROOT)
+    try:
+        solver = wait_for(lambda: solvers(human.pid), 60)[0]
+    finally:
+        human.kill()
+    human.wait()
+    wait_for(lambda: not solver.is_running() or solver.status() == psutil.STATUS_ZOMBIE, 10)
+    # What it leaves lies in the subject's own folder, which the next build clears away.
+    assert all(path.name.startswith(".cloth-") for path in tmp_path.iterdir())
+
+
+def solvers(parent: int) -> list[psutil.Process]:
+    """The cloth solvers that a process waits for, once they are at work."""
+    children = psutil.Process(parent).children()
+    return [c for c in children if "subjects.open.clothes.solver" in " ".join(c.cmdline())]
+
+
+def wait_for(done: Callable[[], Any], seconds: float) -> Any:
+    end = time.monotonic() + seconds
+    while not (result := done()):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    return result
 
 
 @pytest.fixture(scope="module")
 def humans(tmp_path_factory) -> Path:
-    """The same human laid, and draped twice: alone and with another beside it on two workers."""
+    """One human, laid and draped. (That draped ones are the same alone and side by side to the
+    bit is shown in test_build.py.)"""
     folder = tmp_path_factory.mktemp("draped")
     for cloth in ("laid", "draped"):
         OpenHumans(cloth=cloth, poses=["a_pose"]).make("open_0002", 0, folder / cloth)
-    code = (
-        "import sys; from pathlib import Path; from subjects.open import OpenHumans\n"
-        "source = OpenHumans(poses=['a_pose'])\n"
-        "source.make(sys.argv[1], 0, Path(sys.argv[2]))"
-    )
-    both = [
-        subprocess.Popen([sys.executable, "-c", code, one, folder / "beside" / one], cwd=ROOT)
-        for one in ("open_0002", "open_0003")
-    ]
-    assert [process.wait() for process in both] == [0, 0]
     return folder
-
-
-def test_a_draped_human_is_the_same_to_the_bit_alone_and_beside_another(humans):
-    alone = sorted((humans / "draped").iterdir())
-    assert len(alone) == 5
-    for path in alone:
-        assert path.read_bytes() == (humans / "beside" / "open_0002" / path.name).read_bytes()
 
 
 def test_a_human_wears_draped_cloth(humans):
@@ -154,7 +178,9 @@ def test_a_human_wears_draped_cloth(humans):
     garments = parameters["drapes"]["garments"]
     assert [g["garment"] for g in garments]
     assert all(0 <= g["through_share"] < 0.005 for g in garments)
-    assert all(g["fold_deg"] > 3 for g in garments)
+    assert all(0 <= g["freed_share"] < 0.03 for g in garments)
+    # What the solver is for: folds that the body under them has not.
+    assert all(g["fold_deg"] >= 10 for g in garments)
     assert 100_000 <= parameters["triangles"] <= 400_000
     laid, draped = (
         trimesh.load(humans / c / "open_0002.obj", process=False, skip_materials=True)
@@ -164,6 +190,14 @@ def test_a_human_wears_draped_cloth(humans):
     # Cloth hangs elsewhere, but not far: it was neither lost nor left where it began.
     assert np.quantile(distance, 0.9) > 0.003
     assert distance.max() < 0.25
+
+
+def test_cloth_inside_the_body_is_refused(monkeypatch, tmp_path):
+    """Nothing is laid back onto the skin, and the solver's cloth is pulled in."""
+    monkeypatch.setattr(dressing, "_freed", lambda sheet, shape, body, bare: shape * [0.9, 1, 0.9])
+    with pytest.raises(MeshError, match=r"\d+\.\d% of the \w+ lies inside the body"):
+        OpenHumans(cloth="laid", poses=["a_pose"]).make("open_0002", 0, tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 def test_cloth_that_cannot_stay_on_is_redrawn_counted_and_never_written(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from subjects.open.base.measure import fold_angles, through_share, winding_numbers
 from subjects.open.base.surface import Piece
-from subjects.open.bodies.penetration import winding_number
+from subjects.open.bodies.penetration import solid_angle_winding
 
 TURN = Rotation.from_euler("xyz", (17, 23, 31), degrees=True).as_matrix()
 
@@ -44,8 +44,6 @@ def test_a_ball_sunk_to_a_quarter_has_a_quarter_of_its_area_inside() -> None:
     for turn in (np.eye(3), TURN):
         mesh = (ball.vertices @ turn.T, ball.faces, ground.vertices @ turn.T, ground.faces)
         assert through_share(*mesh) == pytest.approx(0.25, abs=0.004)
-        assert through_share(*mesh, tolerance=0.02) == pytest.approx(0.15, abs=0.004)
-        assert through_share(*mesh, tolerance=0.06) == 0.0
 
 
 def test_a_sleeve_that_runs_through_another_limb_counts_by_its_length_inside() -> None:
@@ -79,7 +77,7 @@ def test_windings_agree_with_the_solid_angle_and_count_overlaps() -> None:
     solid = trimesh.util.concatenate([left, right])
     points = np.random.default_rng(4).uniform(-1.2, 1.9, (4000, 3))
     found = winding_numbers(points, solid.vertices, solid.faces)
-    assert found.tolist() == np.rint(winding_number(points, solid.triangles)).tolist()
+    assert found.tolist() == np.rint(solid_angle_winding(points, solid.triangles)).tolist()
     assert set(found.tolist()) == {0, 1, 2}
     # A garment in both at once is inside once.
     small = trimesh.creation.icosphere(subdivisions=2, radius=0.1)

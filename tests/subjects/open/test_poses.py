@@ -15,7 +15,7 @@ from subjects.mesh import MeshError
 from subjects.open.base.subdivision import triangles
 from subjects.open.base.template import BODY, anny_model, template
 from subjects.open.bodies import body, skeleton
-from subjects.open.bodies.penetration import ALLOWED, penetration, winding_number
+from subjects.open.bodies.penetration import ALLOWED, penetration, solid_angle_winding
 from subjects.open.bodies.posed import ATTEMPTS, approach, clad, draw_pose
 from subjects.open.bodies.poses import POSES
 from subjects.open.bodies.skeleton import FIST, FLAT, LIMITS, POINTING, Arm, Leg, Pose
@@ -82,10 +82,43 @@ def depth_difference(vertices: np.ndarray, step: float = 0.007) -> np.ndarray:
     return np.abs(front - back)
 
 
+def angles(pose: Pose) -> dict[str, float]:
+    """Every angle that `LIMITS` bounds, degrees, under "name" or "name L" and "name R"."""
+    result = {}
+    for part, values in (("head", pose.head), ("trunk", pose.trunk)):
+        for way, value in zip(("forward", "turn", "tilt"), values, strict=True):
+            result[f"{part} {way}"] = value
+    for (side, sign), arm, leg in zip(
+        skeleton.SIDES,
+        (pose.left_arm, pose.right_arm),
+        (pose.left_leg, pose.right_leg),
+        strict=True,
+    ):
+        upper, fore = (np.array(v) / np.linalg.norm(v) for v in (arm.upper, arm.fore))
+        dorsal = 0.0 if leg.pitch is None else leg.knee - leg.forward - leg.pitch
+        found = {
+            "shoulder extension": float(np.degrees(np.arcsin(-upper[2]))),
+            "shoulder across": float(np.degrees(np.arcsin(-upper[0]))),
+            "shoulder rotation": skeleton._inward_rotation(upper, fore),
+            "elbow": float(np.degrees(np.arccos(np.clip(upper @ fore, -1.0, 1.0)))),
+            "pronation": arm.pronation,
+            "wrist": arm.wrist,
+            "finger": max(arm.hand.curl),
+            "thumb": arm.hand.thumb,
+            "hip flexion": leg.forward + pose.hips[0],
+            "hip abduction": leg.outward - sign * pose.hips[2],
+            "hip rotation": leg.toes - sign * pose.hips[1],
+            "knee": leg.knee,
+            "ankle": dorsal,
+        }
+        result |= {f"{name} {side}": value for name, value in found.items()}
+    return result
+
+
 def outside(pose: Pose) -> list[str]:
     """Names of the angles that leave their limits by more than what rounding does."""
     result = []
-    for name, value in skeleton.angles(pose).items():
+    for name, value in angles(pose).items():
         low, high = LIMITS[name.removesuffix(" L").removesuffix(" R")]
         if not low - 0.1 <= value <= high + 0.1:
             result.append(f"{name} {value:.1f}")
@@ -142,7 +175,7 @@ def test_what_no_human_can_do_is_clipped() -> None:
 @pytest.mark.parametrize("name", ["stand", "kick", "squat", "hands_on_hips", "flexing", "sit"])
 def test_the_bones_show_the_angles(bodies: dict[str, body.Rest], name: str) -> None:
     rest = bodies["heavy"]
-    told = skeleton.angles(POSES[name])
+    told = angles(POSES[name])
     heads = bone_heads(POSES[name], rest)
     for side in ("L", "R"):
         arm = (f"upperarm01.{side}", f"lowerarm01.{side}", f"wrist.{side}")
@@ -274,7 +307,7 @@ def test_a_limb_through_the_body_is_measured(bodies: dict[str, body.Rest]) -> No
 def test_the_winding_number_of_a_sphere() -> None:
     ball = trimesh.creation.icosphere(subdivisions=2)
     points = np.array([[0.0, 0.0, 0.0], [0.6, 0.1, 0.5], [1.2, 0.0, 0.0], [0.0, -3.0, 1.0]])
-    assert winding_number(points, ball.triangles) == pytest.approx([1, 1, 0, 0], abs=1e-9)
+    assert solid_angle_winding(points, ball.triangles) == pytest.approx([1, 1, 0, 0], abs=1e-9)
 
 
 def test_a_variation_keeps_what_the_pose_is(bodies: dict[str, body.Rest]) -> None:
