@@ -29,6 +29,10 @@ from subjects.open.clothes.outfit import Bottom, Outfit, Top
 from subjects.open.clothes.worn import Worn
 
 
+CALM = 40
+"""Averaging steps after which a cloth's normals are those of its limb, not of its hollows."""
+
+
 @dataclass(frozen=True, eq=False)
 class Sheet:
     """A garment as it is cut, before it lies on a body.
@@ -88,9 +92,20 @@ class Sheet:
         return surface.pushed_out(vertices, self.place, np.minimum(self.gap, 0.004), solid)
 
     def carried(self, shape: np.ndarray, more: float = 0.0) -> np.ndarray:
-        """(N, 3) where the skin below carries the cloth as the body takes `shape`."""
+        """(N, 3) where the skin below carries the cloth as the body takes `shape`.
+
+        It stands off the way that the skin faces by and large: off each side of a hollow it would
+        meet itself. A top spans the hollow of the seat from the first.
+        """
         vertices: np.ndarray = self.cloth.matrix @ shape
-        outward = surface.normals(vertices, self.cloth.faces)
+        calm, mean = vertices, surface.averaging(self.cloth.faces, len(vertices))
+        for _ in range(CALM):
+            calm = 0.5 * calm + 0.5 * (mean @ calm)
+        outward = surface.normals(calm, self.cloth.faces)
+        if isinstance(self.garment, Top):
+            x, y, z = self.place.T
+            seat = ramp(np.abs(x), 0.09, 0.05) * ramp(y, 0.14, 0.08) * ramp(z, 0.01, -0.02)
+            vertices = vertices + seat[:, None] * (calm - vertices)
         return vertices + (self.gap + more)[:, None] * outward
 
     def worn(self, vertices: np.ndarray) -> Worn:
