@@ -9,6 +9,7 @@ from scipy import sparse
 
 from subjects.open.base import surface
 from subjects.open.base.atlas import OUTER
+from subjects.open.base.ramp import ramp
 from subjects.open.base.subdivision import loop
 from subjects.open.base.surface import Pattern, Solid
 from subjects.open.base.template import SKIRT, TIGHTS, template
@@ -20,14 +21,12 @@ from subjects.open.clothes.garments import (
     dress_skirt_field,
     neckline_field,
     pattern,
-    ramp,
     refined,
     top_field,
     waist_height,
 )
 from subjects.open.clothes.outfit import Bottom, Outfit, Top
 from subjects.open.clothes.worn import Worn
-
 
 CALM = 40
 """Averaging steps after which a cloth's normals are those of its limb, not of its hollows."""
