@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from report import command
 from report import view as views
 from report.human import pose_of
 from shards.dataset import Dataset
@@ -372,8 +373,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 
 def main() -> int:
     """Print the table and draw the figure that a call asks for; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("data", type=Path, help="folder of the dataset")
+    parser = command.parser(__doc__)
     views.add_option(parser)
     parser.add_argument("--output", type=Path, help="PNG to write")
     parser.add_argument("--easy", metavar="SUBJECT", help="in the figure (default: the easiest)")
@@ -397,8 +397,7 @@ def main() -> int:
     try:
         _report(options)
     except (ValueError, OSError) as error:
-        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
-        return 2
+        return command.refused(error)
     return 0
 
 

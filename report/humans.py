@@ -5,7 +5,6 @@ python -m report.humans out/demo --output humans.json
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import sys
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from report import command
 from report.human import Garment, Human, read_human
 from report.likeness import Pair, most_alike
 from shards.dataset import Dataset
@@ -239,8 +239,7 @@ def _row(name: str, g: Mapping[str, Any], wide: int) -> str:
 
 def main() -> int:
     """Print the card; returns the exit status: 1 if a bound is broken, 2 if there is no card."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("data", type=Path, help="folder of the dataset")
+    parser = command.parser(__doc__)
     parser.add_argument("--output", type=Path, help="JSON to write")
     options = parser.parse_args()
     try:
@@ -248,8 +247,7 @@ def main() -> int:
         if options.output is not None:
             options.output.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     except (ValueError, OSError) as error:
-        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
-        return 2
+        return command.refused(error)
     print(text(figures))
     return 1 if figures["broken"] else 0
 

@@ -5,13 +5,13 @@ python -m report.people out/people --output people.png
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
+from report import command
 from report import view as views
 from shards.dataset import Dataset
 
@@ -92,10 +92,8 @@ def _row(pairs: list[np.ndarray], width: int) -> np.ndarray:
 
 def main() -> int:
     """Write the sheet a call asks for; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("data", type=Path, help="folder of the dataset")
-    parser.add_argument("--output", type=Path, required=True, help="PNG to write")
-    parser.add_argument("--subjects", nargs="*", default=[], help="ids (default: all)")
+    parser = command.parser(__doc__)
+    command.add_picture_options(parser)
     views.add_option(parser)
     parser.add_argument("--width", type=int, default=2000, help="pixels (default: 2000)")
     parser.add_argument("--maps", choices=("rgb", "normal"), default="rgb", help="(default: rgb)")
@@ -106,8 +104,7 @@ def main() -> int:
         )
         page.save(options.output)
     except (ValueError, OSError) as error:
-        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
-        return 2
+        return command.refused(error)
     print(options.output)
     return 0
 

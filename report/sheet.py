@@ -5,13 +5,13 @@ python -m report.sheet out/demo --output sheet.png
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from report import command
 from report.view import chosen
 from shards.dataset import Dataset
 
@@ -112,17 +112,14 @@ def _titled(cells: np.ndarray, width: int) -> Image.Image:
 
 def main() -> int:
     """Write the picture a call asks for; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("data", type=Path, help="folder of the dataset")
-    parser.add_argument("--output", type=Path, required=True, help="PNG to write")
-    parser.add_argument("--subjects", nargs="*", default=[], help="ids (default: all)")
+    parser = command.parser(__doc__)
+    command.add_picture_options(parser)
     parser.add_argument("--view", type=int, default=0, help="which view (default: 0)")
     options = parser.parse_args()
     try:
         sheet(options.data, options.subjects, options.view).save(options.output)
     except (ValueError, OSError) as error:
-        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
-        return 2
+        return command.refused(error)
     print(options.output)
     return 0
 

@@ -17,7 +17,7 @@ from subjects.open.base.surface import Piece, Solid
 from subjects.open.base.template import BODY, EYES, bare_body, template
 from subjects.open.bodies import body
 from subjects.open.bodies.posed import Posed
-from subjects.open.clothes.dressing import dress, hidden
+from subjects.open.clothes.dressing import bare_solid, dress, hidden
 from subjects.open.clothes.garments import arm_share, lapped
 from subjects.open.clothes.outfit import Outfit, Top
 from subjects.open.clothes.shoes import shoe_field, shoe_last, shoes
@@ -82,31 +82,25 @@ def figure(
         DrapeError, SolverError: see `dressing.dress`.
     """
     skin = _skin(posed.vertices)
-    clothes, reports = dress(outfit, shapes, skin.fine, generator, scratch)
+    clothes, reports = dress(outfit, shapes, skin.fine, skin.solid, generator, scratch)
     haired, scalp = _haired(skin, look, generator)
-    around = Solid(haired, surface.normals(haired, skin.faces), skin.solid.place)
     last = body.skin(shoe_last(posed.rest.vertices), posed.transforms)
     pieces = {"shoes": surface.joined(shoes(outfit.footwear, outfit.shoe, last, skin.solid))}
+    above: list[Piece] = []
     for k, worn in enumerate(clothes):
         under = hidden(outfit, worn.place, worn.arm, worn.vertices, clothes[k + 1 :])
-        trimmed = (
-            trims.of_top(worn, outfit, around)
-            if isinstance(worn.garment, Top)
-            else trims.of_bottom(worn)
-        )
-        pieces[worn.garment.kind] = worn.hemmed(under)
+        is_top = isinstance(worn.garment, Top)
+        trimmed = trims.of_top(worn, outfit, haired) if is_top else trims.of_bottom(worn)
+        parts = {worn.garment.kind: worn.hemmed(under)}
         if trimmed:
-            pieces[f"trims of the {worn.garment.kind}"] = surface.joined(trimmed)
-    pieces["skin"] = _shown(skin, haired, outfit, clothes)
+            parts[f"trims of the {worn.garment.kind}"] = surface.joined(trimmed)
+        pieces |= parts
+        if is_top:
+            above += parts.values()
+    pieces["skin"] = _shown(skin, haired.vertices, outfit, clothes)
     pieces["eyes"] = surface.joined([_eye(eye, posed.vertices) for eye in EYES])
-    above = [
-        piece
-        for name, piece in pieces.items()
-        for worn in clothes
-        if isinstance(worn.garment, Top) and name.endswith(worn.garment.kind)
-    ]
     locks = hair.styled(
-        look.hair_style, look.headwear, Head(scalp, _under_hair(around, above)), generator
+        look.hair_style, look.headwear, Head(scalp, _under_hair(haired, above)), generator
     )
     if locks:
         pieces["hair"] = surface.joined(locks)
@@ -128,13 +122,11 @@ def _skin(vertices: np.ndarray) -> Skin:
     mesh = template().groups[BODY]
     corners = np.concatenate([chart(BODY), mesh.uv], axis=2)
     fine = refine(mesh.quads, corners, len(template().vertices), 1)
-    at, faces = fine.matrix @ vertices, triangles(fine.quads)
-    solid = Solid(at, surface.normals(at, faces), fine.matrix @ template().vertices)
-    return Skin(fine, faces, solid, arm_share(fine.matrix))
+    return Skin(fine, triangles(fine.quads), bare_solid(fine, vertices), arm_share(fine.matrix))
 
 
-def _haired(skin: Skin, look: Look, generator: np.random.Generator) -> tuple[np.ndarray, Solid]:
-    """The skin with its scalp raised, (N, 3), and the scalp alone."""
+def _haired(skin: Skin, look: Look, generator: np.random.Generator) -> tuple[Solid, Solid]:
+    """The skin with its scalp raised, and the scalp alone."""
     place = skin.solid.place
     own = np.zeros((len(place), 2))
     own[skin.fine.quads.ravel()] = skin.fine.corners[..., 2:].reshape(-1, 2)
@@ -149,7 +141,7 @@ def _haired(skin: Skin, look: Look, generator: np.random.Generator) -> tuple[np.
     )
     normals = surface.normals(raised, skin.faces)
     on = grown > 0.004
-    return raised, Solid(raised[on], normals[on], place[on])
+    return Solid(raised, normals, place), Solid(raised[on], normals[on], place[on])
 
 
 def _shown(skin: Skin, haired: np.ndarray, outfit: Outfit, clothes: list[Worn]) -> Piece:

@@ -78,7 +78,7 @@ def averaging(faces: np.ndarray, count: int) -> sparse.csr_matrix:
 
     A vertex on the border takes the mean of its border neighbours alone, so hems stay hems.
     """
-    edges = _edges(faces)
+    edges = sides(faces)
     both = np.concatenate([edges, edges[:, ::-1]])
     pairs = sparse.coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
     rim = (pairs == 1).astype(float).tocsr()
@@ -302,18 +302,18 @@ def hemmed(piece: Piece, thickness: float, rings: int, reach: float) -> Piece:
 
 def border(faces: np.ndarray) -> np.ndarray:
     """Directed edges (E, 2) of one face only."""
-    edges = _edges(faces)
+    edges = sides(faces)
     return edges[_single(edges)]
 
 
 def _border(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """As `border`, and the edges' chart coordinates (E, 2, 2)."""
-    edges = _edges(faces)
+    edges = sides(faces)
     single = _single(edges)
-    return edges[single], _edges(uv)[single]
+    return edges[single], sides(uv)[single]
 
 
-def _edges(corners: np.ndarray) -> np.ndarray:
+def sides(corners: np.ndarray) -> np.ndarray:
     """(3F, 2, ...) both ends of each triangle's sides, from its corners (F, 3, ...)."""
     return np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from subjects.mesh import MeshError
+from subjects.open.base.surface import sides
 from subjects.open.clothes.outfit import Material
 
 ROOT = Path(__file__).parents[3]
@@ -136,24 +137,14 @@ def _solve(source: Path, target: Path) -> None:
         )
 
 
-def stretch(layer: Layer, shape: np.ndarray) -> float:
-    """Times its length as cut that an edge reaches, at the 99 % quantile.
-
-    Args:
-        shape: (N, 3) where the layer's cloth lies.
-    """
-    f = layer.faces
-    edges = np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]])
+def check_stretch(layer: Layer, shape: np.ndarray) -> None:
+    """Raise DrapeError if the layer's cloth, lying at `shape` (N, 3), is torn."""
+    edges = sides(layer.faces)
 
     def lengths(vertices: np.ndarray) -> np.ndarray:
         return np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
 
-    return float(np.quantile(lengths(shape) / np.maximum(lengths(layer.flat), 1e-6), 0.99))
-
-
-def check_stretch(layer: Layer, shape: np.ndarray) -> None:
-    """Raise DrapeError if the cloth that lies at `shape` (N, 3) is torn."""
-    reached = stretch(layer, shape)
+    reached = float(np.quantile(lengths(shape) / np.maximum(lengths(layer.flat), 1e-6), 0.99))
     if reached > LARGEST_STRETCH:
         raise DrapeError(
             f"the cloth is torn: 1 % of its edges are over {reached:.2f} times as long"

@@ -58,6 +58,7 @@ def dress(
     outfit: Outfit,
     shapes: np.ndarray,
     skin: Refinement,
+    solid: Solid,
     generator: np.random.Generator,
     scratch: Path,
 ) -> tuple[list[Worn], list[dict[str, Any]]]:
@@ -67,7 +68,8 @@ def dress(
         shapes: (K, 19158, 3) base mesh from the reference pose to the body's own, for the solver
             to drape cloth on the way; of one shape alone, the garments are laid over it with
             painted folds.
-        skin: the body's refinement, which the garments must stay outside of.
+        skin: the body's refinement.
+        solid: what it is of the last shape, which the garments must stay outside of.
         scratch: a folder for the solver.
 
     Returns:
@@ -79,8 +81,8 @@ def dress(
     """
     coarse = sheets(outfit, generator)
     fine = [sheet.finer() for sheet in coarse]
-    bare, solid = _exposed(skin, shapes[-1]), _solid(skin, shapes[-1])
-    layers = None if len(shapes) == 1 else _draped(coarse, fine, shapes, skin, scratch)
+    bare = _exposed(solid, shapes[-1])
+    layers = None if len(shapes) == 1 else _draped(coarse, fine, shapes, skin, solid, scratch)
     result, reports = [], []
     for k, (sheet, _) in enumerate(fine):
         if layers is None:
@@ -124,6 +126,7 @@ def _draped(
     fine: list[tuple[Sheet, csr_matrix]],
     shapes: np.ndarray,
     skin: Refinement,
+    solid: Solid,
     scratch: Path,
 ) -> list[Layer]:
     """Coarse cloth goes along into the pose; fine cloth, begun where it came to rest, folds.
@@ -131,14 +134,14 @@ def _draped(
     Returns:
         the fine layers, `start` where they came to rest.
     """
-    layers, solid = [], _solid(skin, shapes[0])
+    layers, under = [], bare_solid(skin, shapes[0])
     for sheet in coarse:
-        start = sheet.laid(shapes[0], solid, START_GAP)
+        start = sheet.laid(shapes[0], under, START_GAP)
         # Held cloth moves as the skin below it does.
         carried = np.stack([sheet.carried(shape) for shape in shapes])
         goal = carried + (start - carried[0])
         layers.append(Layer(start, goal, start, sheet.cloth.faces, sheet.pin, _stiffer(sheet)))
-        solid = surface.both(solid, sheet.worn(start).solid)
+        under = surface.both(under, sheet.worn(start).solid)
     used, faces = bare_body()
     # Fingers would hook the hems that they pass.
     hand = weight_of(HAND)[used] > 0.5
@@ -153,7 +156,7 @@ def _draped(
         reach=COARSE_REACH,
     )
 
-    finer, solid = [], _solid(skin, shapes[-1])
+    finer = []
     for (sheet, up), layer, vertices in zip(fine, layers, rested, strict=True):
         gap = np.full(len(sheet.place), LAYER_GAP)
         start = surface.pushed_out(up @ vertices, sheet.place, gap, solid)
@@ -190,8 +193,7 @@ def _frames(shapes: np.ndarray) -> int:
 
 def _smooth(sheet: Sheet, shape: np.ndarray, solid: Solid) -> np.ndarray:
     """Solved cloth without the solver's grain and spikes, clear of what is under it."""
-    faces = sheet.cloth.faces
-    mean = surface.averaging(faces, len(shape))
+    faces, mean = sheet.cloth.faces, sheet.mean
     shape = surface.evened(shape, faces, mean, shape, GRAIN)
     # A hem is a doubled edge: it does not crumple as single threads do.
     hem = surface.on_border(faces).astype(float)
@@ -211,7 +213,7 @@ def _freed(sheet: Sheet, shape: np.ndarray, body: np.ndarray, bare: Solid) -> np
     A shirt's side that the arm came down on is inside the arm; it belongs on the trunk.
     """
     used, faces = bare_body()
-    mean = surface.averaging(sheet.cloth.faces, len(shape))
+    mean = sheet.mean
     tree = cKDTree(np.concatenate([bare.vertices, 0.6 * bare.place], axis=1))
     for rounds in (4, 4, 2, 0, 0):
         centroids = shape[sheet.cloth.faces].mean(axis=1)
@@ -259,16 +261,20 @@ def hidden(
     return result
 
 
-def _solid(skin: Refinement, shape: np.ndarray) -> Solid:
+def bare_solid(skin: Refinement, shape: np.ndarray) -> Solid:
+    """The refined skin of a base mesh (19158, 3)."""
     vertices = skin.matrix @ shape
     faces = triangles(skin.quads)
     return Solid(vertices, surface.normals(vertices, faces), skin.matrix @ template().vertices)
 
 
-def _exposed(skin: Refinement, shape: np.ndarray) -> Solid:
-    """The skin that is not pressed against another limb: where there is room for cloth."""
+def _exposed(solid: Solid, shape: np.ndarray) -> Solid:
+    """The skin that is not pressed against another limb: where there is room for cloth.
+
+    Args:
+        solid: the refined skin of the base mesh `shape`.
+    """
     used, faces = bare_body()
-    solid = _solid(skin, shape)
     above = solid.vertices + 2 * FREED_GAP * solid.normals
     free = winding_numbers(above, shape[used], faces) == 0
     return Solid(solid.vertices[free], solid.normals[free], solid.place[free])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -57,6 +58,11 @@ class Sheet:
     smoothing: int
     pin: np.ndarray
 
+    @cached_property
+    def mean(self) -> sparse.csr_matrix:
+        """See `surface.averaging`."""
+        return surface.averaging(self.cloth.faces, len(self.place))
+
     def finer(self) -> tuple[Sheet, sparse.csr_matrix]:
         """The sheet with each triangle as four, and the matrix that its vertices come from."""
         up, faces, uv = loop(self.cloth.faces, self.cloth.uv)
@@ -76,12 +82,11 @@ class Sheet:
         gap = self.gap + more
         vertices = origin = self.carried(posed, more)
         faces = self.cloth.faces
-        mean = surface.averaging(faces, len(vertices))
         for _ in range(self.rounds):
-            vertices = surface.evened(vertices, faces, mean, origin, self.smoothing)
+            vertices = surface.evened(vertices, faces, self.mean, origin, self.smoothing)
             vertices = surface.pushed_out(vertices, self.place, gap, solid)
         # Pushing out leaves small steps: even them out once more.
-        vertices = surface.evened(vertices, faces, mean, origin, 3)
+        vertices = surface.evened(vertices, faces, self.mean, origin, 3)
         return surface.pushed_out(vertices, self.place, np.minimum(gap, 0.004), solid)
 
     def folded(self, vertices: np.ndarray, solid: Solid) -> np.ndarray:
@@ -97,9 +102,9 @@ class Sheet:
         meet itself. A top spans the hollow of the seat from the first.
         """
         vertices: np.ndarray = self.cloth.matrix @ shape
-        calm, mean = vertices, surface.averaging(self.cloth.faces, len(vertices))
+        calm = vertices
         for _ in range(CALM):
-            calm = 0.5 * calm + 0.5 * (mean @ calm)
+            calm = 0.5 * calm + 0.5 * (self.mean @ calm)
         outward = surface.normals(calm, self.cloth.faces)
         if isinstance(self.garment, Top):
             x, y, z = self.place.T

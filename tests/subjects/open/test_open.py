@@ -225,7 +225,7 @@ def test_skin_under_garments_is_not_seen(rest: Any, pose: str) -> None:
     from subjects.open.base.subdivision import refine, triangles
     from subjects.open.base.template import BODY, template
     from subjects.open.bodies.posed import draw_pose
-    from subjects.open.clothes.dressing import dress, hidden
+    from subjects.open.clothes.dressing import bare_solid, dress, hidden
     from subjects.open.clothes.garments import arm_share
     from subjects.open.clothes.outfit import draw_outfit
 
@@ -234,10 +234,11 @@ def test_skin_under_garments_is_not_seen(rest: Any, pose: str) -> None:
     skin = refine(group.quads, group.uv, len(template().vertices), 1)
     vertices, faces = skin.matrix @ posed.vertices, triangles(skin.quads)
     place, arm = skin.matrix @ template().vertices, arm_share(skin.matrix)
+    bare = bare_solid(skin, posed.vertices)
     for k in range(4):
         outfit = draw_outfit(seeds.generator(SEED, f"x{k}", "outfit"), True, 0.9)
         generator = seeds.generator(SEED, "x", "cloth")
-        clothes, _ = dress(outfit, posed.vertices[None], skin, generator, Path())
+        clothes, _ = dress(outfit, posed.vertices[None], skin, bare, generator, Path())
         # All the skin stays, so what pokes through would be seen; figure.py takes it away.
         whole = [trimesh.Trimesh(vertices, faces, process=False)]
         for worn in clothes:
