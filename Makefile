@@ -45,7 +45,7 @@ smoke: $(READY)
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --disable-pip-version-check \
-		-e '.[render,humans,dev]'
+		-e '.[render,humans,smplx,dev]'
 	touch $@
 
 clean:

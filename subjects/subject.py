@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from subjects.mesh import Mesh
-from subjects.meshfile import read_mesh
+from subjects.limits import Limits
+from subjects.mesh import Material, Mesh
+from subjects.meshfile import read_mesh, read_texture
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +27,10 @@ class Subject:
             (metres, y up, facing +z, feet near y = 0, vertical axis through the body).
         body: file of the parametric body in the same coordinates as the mesh, or None.
         body_parameters: what made the body, JSON-ready.
+        texture: an image that covers the surface in place of the mesh's own materials, or None.
         files: further files that belong to the surface (materials, textures).
         flip_faces: the mesh file's faces look inwards and are turned when it is read.
+        limits: how large the files may be.
     """
 
     id: str
@@ -37,8 +40,10 @@ class Subject:
     mesh_to_world: np.ndarray = field(default_factory=lambda: np.eye(4))
     body: Path | None = None
     body_parameters: dict[str, Any] = field(default_factory=dict)
+    texture: Path | None = None
     files: tuple[Path, ...] = ()
     flip_faces: bool = False
+    limits: Limits = field(default_factory=Limits)
 
     def surface(self) -> Mesh:
         """The surface in the subject's world, its faces looking outwards.
@@ -46,7 +51,10 @@ class Subject:
         Raises:
             MeshError: as `read_mesh`.
         """
-        mesh = read_mesh(self.mesh)
+        cover = None
+        if self.texture is not None:
+            cover = Material(texture=read_texture(self.texture, self.limits))
+        mesh = read_mesh(self.mesh, self.limits, cover)
         return (mesh.flipped() if self.flip_faces else mesh).transformed(self.mesh_to_world)
 
     def body_surface(self) -> Mesh | None:
@@ -55,17 +63,20 @@ class Subject:
         Raises:
             MeshError: as `read_mesh`.
         """
-        return None if self.body is None else read_mesh(self.body).transformed(self.mesh_to_world)
+        if self.body is None:
+            return None
+        return read_mesh(self.body, self.limits).transformed(self.mesh_to_world)
 
     def content_sha256(self) -> str:
         """The hash of what the files hold, wherever they lie and whatever they are called."""
-        body = [] if self.body is None else [self.body]
+        optional = (("body", self.body), ("texture", self.texture))
+        roles = [("mesh", self.mesh), *(("file", path) for path in self.files)]
+        roles += [(role, path) for role, path in optional if path is not None]
         whole = hashlib.sha256()
-        for role, paths in (("mesh", [self.mesh]), ("file", self.files), ("body", body)):
-            for path in paths:
-                with path.open("rb") as file:
-                    digest = hashlib.file_digest(file, "sha256").hexdigest()
-                whole.update(f"{role} {digest}\n".encode())
+        for role, path in roles:
+            with path.open("rb") as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+            whole.update(f"{role} {digest}\n".encode())
         return whole.hexdigest()
 
     def to_json(self, folder: Path) -> dict[str, Any]:
@@ -80,19 +91,23 @@ class Subject:
             "mesh": name(self.mesh),
             "mesh_to_world": self.mesh_to_world.tolist(),
             "body": None if self.body is None else name(self.body),
+            "texture": None if self.texture is None else name(self.texture),
             "files": [name(path) for path in self.files],
+            "limits": asdict(self.limits),
         }
 
     @classmethod
     def from_json(cls, record: dict[str, Any], folder: Path) -> Subject:
         """The subject that `to_json` gave, with its relative paths below `folder`."""
-        body = record["body"]
+        body, texture = record["body"], record["texture"]
         return cls(
             **record
             | {
                 "mesh": folder / record["mesh"],
                 "mesh_to_world": np.array(record["mesh_to_world"]),
                 "body": None if body is None else folder / body,
+                "texture": None if texture is None else folder / texture,
                 "files": tuple(folder / path for path in record["files"]),
+                "limits": Limits(**record["limits"]),
             }
         )

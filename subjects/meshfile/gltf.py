@@ -5,101 +5,145 @@ from __future__ import annotations
 import base64
 import io
 import json
-import re
 import struct
 from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
+from PIL.Image import Image
 from trimesh.exchange.gltf import load_glb, load_gltf
 from trimesh.visual.material import PBRMaterial
 
 from subjects.color import linear_to_srgb, srgb_to_linear
 from subjects.mesh import Material, MeshError
 from subjects.meshfile.folder import Folder
+from subjects.meshfile.layout import check_layout
 from subjects.meshfile.texture import open_image, pixels
 
-# What a file may require without its geometry or base colour being misread.
-_KNOWN_EXTENSIONS = re.compile(r"KHR_materials_\w+|KHR_lights_punctual|EXT_texture_webp")
+JSON_VALUES = 1_000_000
+"""Most values in the JSON: each takes up to a hundred times its bytes, a scene a few hundred."""
+
+
+class _Files:
+    """The folder's files by URI, as glTF names them."""
+
+    def __init__(self, folder: Folder) -> None:
+        self.folder = folder
+
+    def __getitem__(self, uri: str) -> bytes:
+        return self.folder.get(unquote(uri))
+
+    get = __getitem__
+
+    def content(self, uri: str) -> bytes:
+        """What the URI names or, as base64, holds."""
+        _, found, data = uri.partition("base64,")
+        return base64.b64decode(data) if found else self[uri]
 
 
 def read_gltf(data: bytes, folder: Folder) -> dict[str, Any]:
     """The geometries of a .gltf file as trimesh gives them, each with its "material"."""
-    _check(json.loads(data), b"", folder)
-    return _with_materials(load_gltf(io.BytesIO(data), folder))
+    _check(_header(data), b"", folder)
+    return _with_materials(load_gltf(io.BytesIO(data), _Files(folder)), folder)
 
 
 def read_glb(data: bytes, folder: Folder) -> dict[str, Any]:
     """The geometries of a .glb file as trimesh gives them, each with its "material"."""
-    (whole,) = struct.unpack_from("<I", data, 8)
+    if data[:4] != b"glTF":
+        raise MeshError("is no GLB file: it does not begin with 'glTF'; export it again")
+    whole, length = struct.unpack_from("<II", data, 8)
     if len(data) < whole:
         raise MeshError(f"is truncated ({len(data)} of {whole} bytes); copy it again")
-    (length,) = struct.unpack_from("<I", data, 12)
-    _check(json.loads(data[20 : 20 + length]), data[28 + length :], folder)
-    return _with_materials(load_glb(io.BytesIO(data), folder))
+    if length > len(data) - 20:
+        raise MeshError(
+            f"its JSON should have {length} bytes, {len(data) - 20} are left; copy it again"
+        )
+    binary = b""
+    if len(data) >= 28 + length:
+        size, kind = struct.unpack_from("<I4s", data, 20 + length)
+        if kind == b"BIN\0":
+            binary = data[28 + length : 28 + length + size]
+    _check(_header(data[20 : 20 + length]), binary, folder)
+    return _with_materials(load_glb(io.BytesIO(data), _Files(folder)), folder)
+
+
+def _header(data: bytes) -> dict[str, Any]:
+    values = sum(data.count(mark) for mark in (b",", b"[", b"{"))
+    if values > JSON_VALUES:
+        raise MeshError(f"its JSON has {values} values, more than {JSON_VALUES}; simplify it")
+    header = json.loads(data)
+    if not isinstance(header, dict):
+        raise MeshError("its JSON is no glTF; export it again")
+    return header
 
 
 def _check(header: dict[str, Any], binary: bytes, folder: Folder) -> None:
-    """Errors for compressed geometry and broken images, which trimesh leaves empty."""
-    for extension in header.get("extensionsRequired", ()):
-        if not _KNOWN_EXTENSIONS.fullmatch(extension):
-            raise MeshError(f"needs the glTF extension {extension}; export it without")
-    for material in header.get("materials", ()):
-        texture = material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
-        if texture.get("texCoord") or "KHR_texture_transform" in texture.get("extensions", ()):
-            raise MeshError(
-                f"moves the texture of material '{material.get('name', '')}' or has a second set "
-                "of coordinates for it; bake them into the first set"
-            )
+    """Errors for a broken layout and for broken images, which trimesh leaves empty."""
+    files = _Files(folder)
+    buffers = [
+        files.content(buffer["uri"]) if "uri" in buffer else binary
+        for buffer in header.get("buffers", ())
+    ]
+    check_layout(header, [len(buffer) for buffer in buffers], folder.limits)
+    opened: dict[Any, Image] = {}
     for number, image in enumerate(header.get("images", ())):
+        source = image.get("uri", image.get("bufferView"))
+        if source in opened:
+            continue
         if "uri" in image:
-            content = _content(image["uri"], folder)
+            content = files.content(image["uri"])
         else:
             view = header["bufferViews"][image["bufferView"]]
-            buffer = header["buffers"][view["buffer"]]
-            source = _content(buffer["uri"], folder) if "uri" in buffer else binary
             start = view.get("byteOffset", 0)
-            content = source[start : start + view["byteLength"]]
-        open_image(content, image.get("name") or f"image {number}")
+            content = buffers[view["buffer"]][start : start + view["byteLength"]]
+        name = image.get("name") or f"image {number}"
+        opened[source] = open_image(content, name, folder.limits)
+    for material in header.get("materials", ()):
+        # trimesh decodes what these materials name as it makes others of them
+        glossy = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {})
+        for value in glossy.values():
+            if isinstance(value, dict) and opened:
+                largest = max(image.width * image.height for image in opened.values())
+                folder.count_pixels(largest, material.get("name") or "texture")
 
 
-def _with_materials(loaded: dict[str, Any]) -> dict[str, Any]:
+def _with_materials(loaded: dict[str, Any], folder: Folder) -> dict[str, Any]:
     """`loaded` with our `Material` as each geometry's "material", decoded once.
 
     Vertex colours are linear by glTF's specification and multiplied by the material's factor:
     each geometry's "linear_factor", (3,) in [0, 1], says both.
     """
     materials: dict[int, Material] = {}
+    textures: dict[tuple, np.ndarray] = {}
     for geometry in loaded["geometry"].values():
         geometry["linear_factor"] = np.ones(3)
         if geometry.get("visual") is not None:
             material = geometry["visual"].material
             if id(material) not in materials:
-                materials[id(material)] = _material(material)
+                materials[id(material)] = _material(material, textures, folder)
             geometry["material"] = materials[id(material)]
             geometry["linear_factor"] = _factor(material)
     return loaded
 
 
-def _material(material: PBRMaterial) -> Material:
+def _material(material: PBRMaterial, textures: dict[tuple, np.ndarray], folder: Folder) -> Material:
+    """Our `Material`; `textures` holds those made so far, by image and factor."""
     color = _factor(material)
-    if material.baseColorTexture is None:
+    image = material.baseColorTexture
+    if image is None:
         red, green, blue = linear_to_srgb(color)
         return Material((red, green, blue))
-    texture = pixels(material.baseColorTexture, material.name or "texture")
-    if (color < 1).any():
-        curve = linear_to_srgb(srgb_to_linear(np.arange(256) / 255)[:, None] * color)
-        curve = np.round(curve * 255).astype(np.uint8)
-        texture = np.stack([curve[texture[..., i], i] for i in range(3)], axis=-1)
-    return Material(texture=texture)
+    key = (id(image), *color)
+    if key not in textures:
+        texture = pixels(image, material.name or "texture", folder)
+        if (color < 1).any():
+            curve = linear_to_srgb(srgb_to_linear(np.arange(256) / 255)[:, None] * color)
+            curve = np.round(curve * 255).astype(np.uint8)
+            texture = np.stack([curve[texture[..., i], i] for i in range(3)], axis=-1)
+        textures[key] = texture
+    return Material(texture=textures[key])
 
 
 def _factor(material: PBRMaterial) -> np.ndarray:
     factor = material.baseColorFactor
     return np.ones(3) if factor is None else factor[:3] / 255
-
-
-def _content(uri: str, folder: Folder) -> bytes:
-    if uri.startswith("data:"):
-        return base64.b64decode(uri.partition(",")[2])
-    return folder.get(unquote(uri))

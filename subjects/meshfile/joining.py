@@ -10,6 +10,9 @@ from subjects.meshfile.part import Part
 NORMAL_TOLERANCE = 1e-3
 """Unit normals nearer than this are one normal: text files round theirs."""
 
+NORMALS = 1000
+"""Most different normals at one place, each takes a round: a cone's tip has a few dozen."""
+
 
 def joined(parts: list[Part]) -> Mesh:
     """One mesh of all parts, with vertices at one place and of one normal made one."""
@@ -75,7 +78,7 @@ def first_alike(places: np.ndarray, normals: np.ndarray | None = None) -> np.nda
     ordered = places[pending]
     place = np.cumsum((ordered != np.roll(ordered, 1, axis=0)).any(axis=1))
     first = np.empty(len(places), dtype=np.int64)
-    while len(pending):
+    for _ in range(NORMALS):
         heads = np.diff(place, prepend=-1) != 0
         head = pending[heads][np.cumsum(heads) - 1]
         if normals is None:
@@ -85,4 +88,6 @@ def first_alike(places: np.ndarray, normals: np.ndarray | None = None) -> np.nda
             alike = np.einsum("ni,ni->n", apart, apart) <= NORMAL_TOLERANCE**2
         first[pending[alike]] = head[alike]
         pending, place = pending[~alike], place[~alike]
-    return first
+        if not len(pending):
+            return first
+    raise MeshError(f"has over {NORMALS} normals at one place; clean the mesh and export it again")

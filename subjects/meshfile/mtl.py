@@ -14,6 +14,7 @@ from subjects.meshfile.texture import decode_texture
 def read_mtl(library: str, folder: Folder) -> dict[str, Material]:
     """The materials of an MTL file by name: their `Kd` and `map_Kd`."""
     materials: dict[str, Material] = {}
+    textures: dict[str, np.ndarray] = {}
     name = ""
     for line in folder.get(library).decode("utf-8", errors="replace").splitlines():
         key, value = (*line.split(maxsplit=1), "", "")[:2]
@@ -24,10 +25,13 @@ def read_mtl(library: str, folder: Folder) -> dict[str, Material]:
                 materials[name] = Material()
             elif key.lower() == "kd":
                 red, green, blue = np.broadcast_to(np.array(value.split(), dtype=float), 3)
+                if not np.isfinite([red, green, blue]).all():
+                    raise ValueError("no colour")
                 materials[name] = replace(materials[name], color=(red, green, blue))
             elif key.lower() == "map_kd":
-                texture = decode_texture(folder.get(value), value)
-                materials[name] = replace(materials[name], texture=texture)
+                if value not in textures:
+                    textures[value] = decode_texture(folder.get(value), value, folder)
+                materials[name] = replace(materials[name], texture=textures[value])
         except (KeyError, ValueError) as error:
             if isinstance(error, MeshError):
                 raise

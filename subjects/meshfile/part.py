@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from trimesh.geometry import triangulate_quads
-from trimesh.scene.transforms import SceneGraph
+from trimesh.scene.transforms import DEFAULT_BASE_FRAME
 
 from subjects.color import linear_to_srgb
 from subjects.mesh import Material, MeshError
+from subjects.meshfile.folder import Folder
 
 
 @dataclass(eq=False)
@@ -26,30 +27,49 @@ class Part:
     material: Material
 
 
-def placed_parts(loaded: dict[str, Any]) -> Iterator[Part]:
+def placed_parts(loaded: dict[str, Any], folder: Folder) -> Iterator[Part]:
     """The triangle geometries that a reader gives, where the file's scene graph puts them."""
     geometries = loaded.get("geometry", {"": loaded})
-    if "graph" in loaded:
-        graph = SceneGraph()
-        for edge in loaded["graph"]:
-            graph.update(**edge)
-        placed = [graph[node] for node in graph.nodes_geometry]
-    else:
-        placed = [(np.eye(4), name) for name in geometries]
+    placed = _placed(loaded["graph"]) if "graph" in loaded else ((np.eye(4), n) for n in geometries)
+    triangles = 0
     for matrix, name in placed:
         if geometries[name].get("faces") is not None:
-            yield _part(geometries[name], matrix)
+            part = _part(geometries[name], matrix, folder.material)
+            triangles += len(part.faces)
+            folder.limits.check_count(triangles=triangles)
+            yield part
 
 
-def _part(geometry: dict[str, Any], matrix: np.ndarray) -> Part:
+def _placed(graph: Iterable[dict[str, Any]]) -> Iterator[tuple[np.ndarray, str]]:
+    """Where each geometry is, and its name; trimesh gives parents before their children.
+
+    trimesh's own `SceneGraph` goes back to the root for every node: hours in a deep file.
+    """
+    frames = {DEFAULT_BASE_FRAME: np.eye(4)}
+    for edge in graph:
+        parent = frames[edge.get("frame_from", DEFAULT_BASE_FRAME)]
+        frames[edge["frame_to"]] = matrix = parent @ edge.get("matrix", np.eye(4))
+        if "geometry" in edge:
+            yield matrix, edge["geometry"]
+
+
+def _part(geometry: dict[str, Any], matrix: np.ndarray, cover: Material | None) -> Part:
     vertices = np.asarray(geometry["vertices"], dtype=np.float64)
     faces = triangulate_quads(geometry["faces"]).reshape(-1, 3)
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise MeshError(f"a face names a vertex that is none of its {len(vertices)}; export again")
 
-    material = geometry.get("material", Material())
+    if np.linalg.det(matrix[:3, :3]) == 0:
+        raise MeshError("a node of its scene has no size along an axis; correct its scale")
+
+    material = cover or geometry.get("material", Material())
     visual = geometry.get("visual")
     uv = None if visual is None else visual.uv
+    if uv is not None and np.shape(uv) != (len(vertices), 2):
+        raise MeshError(
+            f"has texture coordinates of shape {np.shape(uv)} for {len(vertices)} vertices; "
+            "export it again"
+        )
     colors = geometry.get("vertex_colors")
     if colors is None and visual is not None:
         colors = visual.vertex_attributes.get("color")
@@ -68,10 +88,16 @@ def _part(geometry: dict[str, Any], matrix: np.ndarray) -> Part:
     linear_map = matrix[:3, :3]
     normals = np.nan_to_num(normals) @ np.linalg.inv(linear_map)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = normals / np.where(length > 0, length, 1)
+    normals = np.nan_to_num(normals / np.where(length > 0, length, 1), posinf=0, neginf=0)
     if np.linalg.det(linear_map) < 0:  # a mirror turns faces inside out
         faces = faces[:, ::-1]
     vertices = vertices @ linear_map.T + matrix[:3, 3]
+    if len(vertices) > faces.size:  # parts that share one list of vertices would each keep all
+        used, faces = np.unique(faces, return_inverse=True)
+        faces = faces.reshape(-1, 3)
+        vertices, normals = vertices[used], normals[used]
+        uv = None if uv is None else uv[used]
+        colors = None if colors is None else colors[used]
     return Part(vertices, faces, normals, uv, colors, material)
 
 

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import io
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
+from subjects.limits import Limits
 from subjects.mesh import MeshError
+from subjects.meshfile.folder import Folder
 
-TEXTURE_PIXELS = 16384 * 16384
-"""The largest texture that is decoded; a small file can claim any size."""
+FORMATS = ("BMP", "DDS", "GIF", "JPEG", "JPEG2000", "PNG", "PPM", "TGA", "TIFF", "WEBP")
+"""What Pillow may take a texture for; to decode EPS it would run Ghostscript."""
 
 
 @contextmanager
-def images_bounded() -> Iterator[None]:
-    """Within, Pillow refuses images of more than `TEXTURE_PIXELS`."""
+def images_bounded(limits: Limits) -> Iterator[None]:
+    """Within, Pillow refuses images of more than the limits' pixels; its bound is a global."""
     before = Image.MAX_IMAGE_PIXELS
-    Image.MAX_IMAGE_PIXELS = TEXTURE_PIXELS
+    Image.MAX_IMAGE_PIXELS = max(int(limits.texture_megapixels * 1e6), 1)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
@@ -29,19 +33,33 @@ def images_bounded() -> Iterator[None]:
         Image.MAX_IMAGE_PIXELS = before
 
 
-def decode_texture(content: bytes, name: str) -> np.ndarray:
+def read_texture(path: Path, limits: Limits) -> np.ndarray:
+    """(h, w, 3) uint8 of an image file.
+
+    Raises:
+        MeshError: it cannot be read, or is above the limits.
+    """
+    try:
+        with images_bounded(limits):
+            return decode_texture(path.read_bytes(), path.name, Folder(path.parent, limits))
+    except OSError as error:
+        raise MeshError(f"{path}: cannot be opened ({error.strerror}); check its rights") from None
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from None
+
+
+def decode_texture(content: bytes, name: str, folder: Folder) -> np.ndarray:
     """(h, w, 3) uint8 of an image file's content."""
-    return pixels(open_image(content, name), name)
+    return pixels(open_image(content, name, folder.limits), name, folder)
 
 
-def open_image(content: bytes, name: str) -> Image.Image:
+def open_image(content: bytes, name: str, limits: Limits) -> Image.Image:
     """The image, not decoded yet, after a check that it can become a texture."""
     try:
-        image = Image.open(io.BytesIO(content))
-    except (Image.DecompressionBombError, Image.DecompressionBombWarning):
-        raise MeshError(
-            f"its texture '{name}' has more than {TEXTURE_PIXELS} pixels; scale it down"
-        ) from None
+        image = Image.open(io.BytesIO(content), formats=FORMATS)
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
+        limits.check_pixels(int(re.findall(r"\d+", str(error))[0]), name)
+        raise
     except Exception:
         raise MeshError(
             f"its texture '{name}' is no readable image; export it again as PNG or JPEG"
@@ -51,8 +69,9 @@ def open_image(content: bytes, name: str) -> Image.Image:
     return image
 
 
-def pixels(image: Image.Image, name: str) -> np.ndarray:
-    """(h, w, 3) uint8, alpha left out."""
+def pixels(image: Image.Image, name: str, folder: Folder) -> np.ndarray:
+    """(h, w, 3) uint8, alpha left out; counted to the folder's pixels before it is decoded."""
+    folder.count_pixels(image.width * image.height, name)
     try:
         return np.asarray(image.convert("RGB"))
     except Exception as error:

@@ -24,6 +24,7 @@ from subjects.open.bodies.poses import POSES
 from subjects.open.clothes.drape import DrapeError
 from subjects.open.clothes.outfit import Outfit, draw_outfit
 from subjects.open.figure import Figure, figure
+from subjects.wavefront import write_mesh
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -86,9 +87,9 @@ def make_person(subject: str, seed: int, folder: Path, wish: Wish) -> dict[str, 
 
     wavefront.write_textured(folder / f"{subject}.obj", whole.surface, f"{MATERIAL}.mtl", MATERIAL)
     wavefront.write_material(folder / f"{MATERIAL}.mtl", MATERIAL, f"{MATERIAL}.jpeg")
-    wavefront.write_mesh(folder / "body.obj", posed.vertices[used] - down, skin)
+    write_mesh(folder / "body.obj", posed.vertices[used] - down, skin)
     if wish.estimator != "exact":
-        wavefront.write_mesh(folder / ESTIMATED, estimate[used] - down, skin)
+        write_mesh(folder / ESTIMATED, estimate[used] - down, skin)
     Image.fromarray(picture).save(folder / f"{MATERIAL}.jpeg", quality=95, subsampling=0)
     height = rest.vertices[used, 1]
     return {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from subjects.limits import Limits
 from subjects.mesh import Mesh, MeshError
 from subjects.scans import Scans
 from subjects.subject import Subject
@@ -117,6 +119,11 @@ class TestConfiguration:
             ({"unit": 0.0}, "subjects unit"),
             ({"unit": float("nan")}, "subjects unit"),
             ({"limit": 0}, "subjects limit"),
+            ({"max_body_distance": 0.0}, "subjects max_body_distance"),
+            ({"unit": "body"}, "subjects unit"),
+            ({"front": "body"}, "subjects front"),
+            ({"up": "body"}, "subjects up"),
+            ({"up": "body", "front": "body"}, "subjects up"),
             ({"pattern": "../*"}, "subjects pattern"),
             ({"pattern": "/*"}, "subjects pattern"),
             ({"pattern": ""}, "subjects pattern"),
@@ -242,9 +249,12 @@ class TestMake:
         path = export(body, tmp_path / "in" / "a" / "body.obj")
         path.write_text("mtllib body.mtl\nusemtl grey\n" + path.read_text())
         path.with_suffix(".mtl").write_text("newmtl grey\nKd 0.5\n")
-        subject = scans(tmp_path / "in").make("a", 0, tmp_path / "out")
+        source = scans(tmp_path / "in", max_body_distance=0.2)
+        subject = source.make("a", 0, tmp_path / "out")
         assert subject.body == tmp_path / "out" / "body.obj"
-        assert subject.files == (tmp_path / "out" / "body.mtl",)
+        # A change of the file that the body was read from is a change of the subject.
+        assert subject.files == (tmp_path / "out" / "fit_mesh.obj",)
+        assert subject.files[0].resolve() == path
         surface = subject.body_surface()
         assert surface is not None
         low, high = surface.bounds
@@ -283,7 +293,7 @@ class TestMake:
         export(person().apply_scale(100), tmp_path / "in" / "a" / "a.ply")
         body = person().apply_scale(size).apply_translation([aside, 0, 0])
         path = export(body, tmp_path / "in" / "a" / "body.obj")
-        source = scans(tmp_path / "in", unit="cm")
+        source = scans(tmp_path / "in", unit="cm", max_body_distance=0.5)
         if not fault:
             assert source.make("a", 0, tmp_path / "out").body is not None
             return
@@ -291,6 +301,20 @@ class TestMake:
             source.make("a", 0, tmp_path / "out")
         one_line(error, path, fault, *heights, "subjects unit: cm", "export it in the scan's")
         assert not (tmp_path / "out").exists()
+
+    def test_body_that_is_too_far_off(self, tmp_path: Path) -> None:
+        export(person(), tmp_path / "in" / "a" / "a.ply")
+        path = export(person().apply_translation([0, 0, 0.08]), tmp_path / "in" / "a" / "body.obj")
+        near = scans(tmp_path / "in", max_body_distance=0.1).make("a", 0, tmp_path / "out")
+        found = near.body_parameters["scan_to_body_mm"]
+        assert near.body_parameters["model"] == "mesh"
+        assert 0 < found < 80
+        assert near.body_parameters["body_to_scan_mm"] == pytest.approx(found, abs=0.5)
+        with pytest.raises(MeshError) as error:
+            scans(tmp_path / "in", max_body_distance=found / 1000 - 1e-3).make(
+                "a", 0, tmp_path / "out"
+            )
+        one_line(error, path, "mm from its body", "max_body_distance")
 
     def test_two_bodies(self, tmp_path: Path) -> None:
         for name in ("a.ply", "body.obj", "Body.OBJ"):
@@ -400,3 +424,70 @@ class TestSubject:
         file = Subject("b", "open", "CC0-1.0", subject.mesh, files=(subject.body or Path(),))
         assert alone.content_sha256() != file.content_sha256()
         assert len(alone.content_sha256()) == 64
+
+
+class TestTexture:
+    """An image for scans whose own materials do not lead to one, as RenderPeople's."""
+
+    def folder(self, root: Path) -> Path:
+        scan = textured(root / "rp_a_OBJ")
+        (scan.parent / "material0.mtl").unlink()
+        for name, color in (("a_dif_8k", (9, 8, 7)), ("a_norm_8k", (0, 0, 0))):
+            Image.new("RGB", (3, 2), color).save(scan.parent / "tex" / f"{name}.png")
+        return scan
+
+    def test_covers_the_scan(self, tmp_path: Path) -> None:
+        self.folder(tmp_path / "in")
+        source = scans(tmp_path / "in", texture="{folder}/tex/*_dif*.png")
+        subject = source.make("rp_a_OBJ", 0, tmp_path / "data" / "subjects" / "a")
+        assert subject.texture == tmp_path / "data" / "subjects" / "a" / "a_dif_8k.png"
+        assert subject.files == ()
+        (material,) = subject.surface().materials
+        assert material.texture is not None
+        assert (material.texture == [9, 8, 7]).all()
+        record = json.loads(json.dumps(subject.to_json(tmp_path / "data")))
+        assert record["texture"] == "subjects/a/a_dif_8k.png"
+        back = Subject.from_json(record, tmp_path / "data")
+        assert back.content_sha256() == subject.content_sha256()
+        before = subject.content_sha256()
+        Image.new("RGB", (3, 2)).save(tmp_path / "in" / "rp_a_OBJ" / "tex" / "a_dif_8k.png")
+        assert subject.content_sha256() != before
+
+    def test_without_it_the_scan_is_refused(self, tmp_path: Path) -> None:
+        self.folder(tmp_path / "in")
+        with pytest.raises(MeshError, match="material0"):
+            scans(tmp_path / "in").make("rp_a_OBJ", 0, tmp_path / "out")
+
+    def test_missing_or_broken(self, tmp_path: Path) -> None:
+        path = self.folder(tmp_path / "in")
+        source = scans(tmp_path / "in", texture="{folder}/tex/{name}.jpg")
+        with pytest.raises(MeshError) as error:
+            source.make("rp_a_OBJ", 0, tmp_path / "out")
+        one_line(error, path, "rp_a_OBJ/tex/rp_a_OBJ.jpg", "subjects texture")
+        (path.parent / "tex" / "rp_a_OBJ.jpg").write_bytes(b"no image")
+        with pytest.raises(MeshError) as error:
+            source.make("rp_a_OBJ", 0, tmp_path / "out")
+        one_line(error, "rp_a_OBJ.jpg", "no readable image")
+
+    def test_stays_below_the_root(self, tmp_path: Path) -> None:
+        with pytest.raises(ValueError, match=r"^subjects texture: "):
+            scans(tmp_path, texture="../{name}.jpg")
+
+    def test_a_folder_with_brackets(self, tmp_path: Path) -> None:
+        scan = textured(tmp_path / "in" / "a[1]")
+        Image.new("RGB", (1, 1), (5, 5, 5)).save(scan.parent / "dif.png")
+        source = scans(tmp_path / "in", texture="{folder}/dif*.png")
+        assert source.make("a_1_", 0, tmp_path / "out").texture == tmp_path / "out" / "dif.png"
+
+
+class TestLimits:
+    def test_hold_for_the_scan_and_for_what_is_made_of_it(self, tmp_path: Path) -> None:
+        textured(tmp_path / "in" / "a")
+        tight = Limits(triangles=10)
+        with pytest.raises(MeshError, match=r"subjects\.limits\.triangles"):
+            scans(tmp_path / "in", limits=tight).make("a", 0, tmp_path / "out")
+        subject = scans(tmp_path / "in").make("a", 0, tmp_path / "out")
+        assert subject.surface() is not None
+        record = subject.to_json(tmp_path) | {"limits": dataclasses.asdict(tight)}
+        with pytest.raises(MeshError, match=r"subjects\.limits\.triangles"):
+            Subject.from_json(record, tmp_path).surface()

@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
+from subjects.crossings import Crossings, crossings
 from subjects.open.base import surface
 from subjects.open.base.surface import Piece
-
-_CHUNK = 1 << 20
-"""Pairs of a line and a triangle that are looked at at once."""
 
 
 @dataclass(frozen=True)
@@ -30,24 +27,6 @@ class Fold:
 
     angle_deg: float
     pixels: int
-
-
-class _Crossings(NamedTuple):
-    """Where lines along z meet triangles.
-
-    Attributes:
-        line: (K,) int, ascending.
-        face: (K,) int.
-        weights: (K, 3) float64 of the face's corners, between 0 and 1.
-        z: (K,) float64.
-        sign: (K,) +1 where the face looks towards +z, else -1.
-    """
-
-    line: np.ndarray
-    face: np.ndarray
-    weights: np.ndarray
-    z: np.ndarray
-    sign: np.ndarray
 
 
 def through_share(
@@ -99,7 +78,7 @@ def winding_numbers(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray)
     result = np.zeros(len(points), dtype=np.int64)
     low, high = vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))
     near = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
-    met = _crossings(points[near, :2], vertices, faces)
+    met = crossings(points[near, :2], vertices, faces)
     above = met.z > points[near, 2][met.line]
     np.add.at(result, near[met.line[above]], met.sign[above])
     return result
@@ -134,9 +113,9 @@ def fold_angles(
     first, last = np.floor(low / pixel), np.ceil(high / pixel)
     x, y = ((np.arange(first[k], last[k]) + 0.5) * pixel for k in range(2))
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    bare = _crossings(grid, body_vertices, body_faces)
+    bare = crossings(grid, body_vertices, body_faces)
     covered = np.unique(bare.line)
-    worn = _crossings(grid[covered], whole.vertices, whole.faces)
+    worn = crossings(grid[covered], whole.vertices, whole.faces)
     bare_normals = surface.normals(body_vertices, body_faces)
     worn_normals = surface.normals(whole.vertices, whole.faces)
 
@@ -159,88 +138,17 @@ def fold_angles(
     }
 
 
-def _first(met: _Crossings, towards: int) -> np.ndarray:
+def _first(met: Crossings, towards: int) -> np.ndarray:
     """Of each line that meets anything, the crossing with the largest `towards` * z."""
     order = np.lexsort((-towards * met.z, met.line))
     return order[np.unique(met.line[order], return_index=True)[1]]
 
 
 def _normals_at(
-    met: _Crossings, chosen: np.ndarray, faces: np.ndarray, normals: np.ndarray, towards: int
+    met: Crossings, chosen: np.ndarray, faces: np.ndarray, normals: np.ndarray, towards: int
 ) -> np.ndarray:
     """(K, 3) unit normals at the `chosen` crossings, on the side that is seen."""
     mixed = (normals[faces[met.face[chosen]]] * met.weights[chosen][..., None]).sum(axis=1)
     mixed *= (towards * met.sign[chosen])[:, None]
     unit: np.ndarray = mixed / np.maximum(np.linalg.norm(mixed, axis=1, keepdims=True), 1e-12)
     return unit
-
-
-def _crossings(xy: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> _Crossings:
-    """Where the lines along z through `xy` (P, 2) meet the triangles.
-
-    No line slips between two faces that share an edge by their vertices' numbers, or meets both.
-    """
-    found = [
-        _met(xy[lines], lines, candidates, vertices, faces)
-        for lines, candidates in _candidates(xy, vertices[faces][..., :2])
-    ]
-    parts = (np.concatenate(part) for part in zip(*found, strict=True))
-    return _Crossings(*parts)
-
-
-def _met(
-    xy: np.ndarray, line: np.ndarray, face: np.ndarray, vertices: np.ndarray, faces: np.ndarray
-) -> _Crossings:
-    """Those of the pairs of a line (K,), at `xy` (K, 2), and a face (K,) that do meet."""
-    corner = faces[face]
-    doubled, left = np.empty((len(face), 3)), np.empty((len(face), 3), dtype=bool)
-    for k in range(3):
-        a, b = corner[:, (k + 1) % 3], corner[:, (k + 2) % 3]
-        turned = a > b
-        a, b = np.where(turned, b, a), np.where(turned, a, b)
-        along, to = vertices[b, :2] - vertices[a, :2], xy - vertices[a, :2]
-        cross = along[:, 0] * to[:, 1] - along[:, 1] * to[:, 0]
-        # On the edge itself, the line is taken to pass a hair to the right, and less upwards.
-        hair = (along[:, 1] < 0) | ((along[:, 1] == 0) & (along[:, 0] > 0))
-        left[:, k] = ((cross > 0) | ((cross == 0) & hair)) ^ turned
-        doubled[:, k] = np.abs(cross)
-    hit = (left[:, 0] == left[:, 1]) & (left[:, 1] == left[:, 2])
-    weights = doubled[hit] / np.maximum(doubled[hit].sum(axis=1, keepdims=True), 1e-300)
-    z = (weights * vertices[corner[hit], 2]).sum(axis=1)
-    return _Crossings(line[hit], face[hit], weights, z, np.where(left[hit, 0], 1, -1))
-
-
-def _candidates(xy: np.ndarray, corners: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Pairs (line, face), in chunks: the faces whose box touches the cell that the line is in."""
-    cells = max(int(np.sqrt(len(corners))), 1)
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    side = np.maximum((high - low) / cells, 1e-12)
-    inside = np.flatnonzero(((xy >= low) & (xy <= high)).all(axis=1))
-
-    def cell(at: np.ndarray) -> np.ndarray:
-        return np.clip(((at - low) / side).astype(np.int64), 0, cells - 1)
-
-    first, last = cell(corners.min(axis=1)), cell(corners.max(axis=1))
-    width, height = (last - first + 1).T
-    face, step = _spread(width * height)
-    at = first[face] + np.stack([step % width[face], step // width[face]], axis=1)
-    code = at[:, 1] * cells + at[:, 0]
-    face = face[np.argsort(code, kind="stable")]
-    count = np.bincount(code, minlength=cells * cells)
-    start = np.cumsum(count) - count
-
-    column, row = cell(xy[inside]).T
-    home = row * cells + column
-    chunk = np.cumsum(count[home]) // _CHUNK
-    pairs = []
-    for part in np.split(np.arange(len(home)), np.flatnonzero(np.diff(chunk)) + 1):
-        line, step = _spread(count[home[part]])
-        line = part[line]
-        pairs.append((inside[line], face[start[home[line]] + step]))
-    return pairs
-
-
-def _spread(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For counts (2, 0, 3): items (0, 0, 2, 2, 2) and their steps (0, 1, 0, 1, 2)."""
-    item = np.repeat(np.arange(len(count)), count)
-    return item, np.arange(len(item)) - np.repeat(np.cumsum(count) - count, count)

@@ -1,4 +1,4 @@
-"""Writing Wavefront OBJ with its material, fast and with the same bytes everywhere."""
+"""An open human's textured surface as Wavefront OBJ with its material."""
 
 from __future__ import annotations
 
@@ -7,12 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from subjects.open.base.surface import Piece
-
-
-def write_mesh(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
-    """A bare mesh: positions to a micrometre, faces, nothing else."""
-    lines = [_vertices(vertices), _rows("f %d %d %d", faces + 1)]
-    path.write_text("".join(lines), encoding="ascii", newline="\n")
+from subjects.wavefront import rows, vertex_lines
 
 
 def write_textured(path: Path, piece: Piece, library: str, material: str) -> None:
@@ -26,10 +21,10 @@ def write_textured(path: Path, piece: Piece, library: str, material: str) -> Non
     both = np.stack([piece.faces + 1, index.reshape(-1, 3) + 1], axis=2).reshape(-1, 6)
     lines = [
         f"mtllib {library}\n",
-        _vertices(piece.vertices),
-        _rows("vt %.6f %.6f", charts),
+        vertex_lines(piece.vertices),
+        rows("vt %.6f %.6f", charts),
         f"usemtl {material}\n",
-        _rows("f %d/%d %d/%d %d/%d", both),
+        rows("f %d/%d %d/%d %d/%d", both),
     ]
     path.write_text("".join(lines), encoding="ascii", newline="\n")
 
@@ -41,13 +36,3 @@ def write_material(path: Path, material: str, texture: str) -> None:
         encoding="ascii",
         newline="\n",
     )
-
-
-def _vertices(vertices: np.ndarray) -> str:
-    # Adding zero turns -0.0 into 0.0, which prints the same on every path to it.
-    return _rows("v %.6f %.6f %.6f", np.round(vertices, 6) + 0.0)
-
-
-def _rows(form: str, values: np.ndarray) -> str:
-    """Every row of `values` printed by `form`; one formatting call for all."""
-    return ((form + "\n") * len(values)) % tuple(values.ravel().tolist())

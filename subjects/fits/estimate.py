@@ -1,0 +1,255 @@
+"""What an estimator makes of a person's picture: PIXIE's and PyMAF-X's bodies.
+
+Both see one picture and know neither its scale nor how far the person is. Their camera says where
+the body is in the picture; the depth of the scan's front says how far.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from subjects.crossings import extents
+from subjects.fits.parameters import Parameters, parameters_from
+from subjects.fits.pattern import Place
+from subjects.fits.similarity import compose
+from subjects.mesh import Mesh, MeshError
+
+TO_OPENGL = np.diag([1.0, -1.0, -1.0])
+"""From the estimators' frame (x right, y down, z away from the viewer) to the camera's."""
+
+PIXIE_SIDE, PIXIE_MARGIN = 224, 1.1
+"""Pixels of PIXIE's crop, and its side over the larger one of the person's box."""
+
+STRIDE = 2
+"""Every so many pixels of the picture a line of sight compares the two fronts."""
+
+LEAST_OVERLAP = 0.3
+"""Share of an estimate's silhouette that has to lie on its scan; else it is another person's."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The picture that an estimator was given: the scan's front, as a build without bodies renders
+    it. Its centre is level with the scan's middle."""
+
+    rows: int = 424
+    """Height in pixels."""
+    columns: int = 512
+    """Width in pixels."""
+    pixel_size: float = 0.005
+    """Metres that a pixel is wide."""
+    yaw_deg: float = 0.0
+    """By which the person was turned, as a view's yaw."""
+
+    def __post_init__(self) -> None:
+        for name in ("rows", "columns"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"subjects.fits.picture.{name}: give a number of pixels above 0")
+        if not 0 < self.pixel_size < 1:
+            raise ValueError(
+                f"subjects.fits.picture.pixel_size: {self.pixel_size} m; "
+                "give metres per pixel, such as 0.005"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A body estimated from a picture, in the estimator's frame.
+
+    Attributes:
+        estimator: "pixie" or "pymafx".
+        parameters: SMPL-X's.
+        vertices: (10475, 3) float64 metres, x right, y down, z away from the viewer; None where
+            the model is to be posed by `parameters`.
+        camera: of the estimator, as its file has it.
+        box: left, top, right, bottom of PIXIE's crop in pixels, before its margin; None where the
+            whole picture was taken.
+    """
+
+    estimator: str
+    parameters: Parameters
+    camera: np.ndarray
+    vertices: np.ndarray | None = None
+    box: np.ndarray | None = None
+    record: dict[str, Any] = field(default_factory=dict)
+
+    def in_picture(self, picture: Picture) -> tuple[float, np.ndarray]:
+        """Pixels per metre, and (2,) the column and row where the body's x = y = 0 falls.
+
+        (0, 0) is the upper left corner of the picture; a pixel's centre is half a pixel on.
+
+        Raises:
+            MeshError: the crop is not known.
+        """
+        if self.estimator == "pymafx":
+            # The whole picture is [-1, 1] in both directions: u = W/2 (1 + sx (x + tx)).
+            half = np.array([picture.columns, picture.rows]) / 2
+            scales, shift = self.camera[:2] * half, self.camera[2:]
+            return float(scales.mean()), half + scales * shift
+        left, top, right, bottom = self._box(picture)
+        side = int(PIXIE_MARGIN * max(right - left, bottom - top)) if self.box is not None else (
+            picture.rows - 1
+        )  # fmt: skip
+        middle = np.array([left + right, top + bottom]) / 2
+        # The crop's corners become the centres of its first and last pixels.
+        per_pixel = side / (PIXIE_SIDE - 1)
+        scale = self.camera[0] * PIXIE_SIDE / 2 * per_pixel
+        corner = middle - side / 2 + 0.5
+        return float(scale), corner + PIXIE_SIDE / 2 * per_pixel + scale * self.camera[1:]
+
+    def _box(self, picture: Picture) -> np.ndarray:
+        if self.box is not None:
+            return self.box
+        if picture.rows != picture.columns:
+            raise MeshError(
+                "PIXIE's file names no bbox, and its whole picture is not square; "
+                "let PIXIE crop, or give it square pictures"
+            )
+        return np.array([0, 0, picture.columns - 1, picture.rows - 1], dtype=np.float64)
+
+    def to_world(self, body: Mesh, picture: Picture, scan: Mesh) -> np.ndarray:
+        """(4, 4) similarity from the estimator's frame to the subject's world.
+
+        Across the picture the camera places the body. Towards the viewer the median over all lines
+        of sight that meet both brings its front to the scan's.
+
+        Args:
+            body: in the estimator's frame.
+            picture: what the estimator saw.
+            scan: in the world, metres.
+
+        Raises:
+            MeshError: the body does not lie over the scan.
+        """
+        per_metre, origin = self.in_picture(picture)
+        scale = per_metre * picture.pixel_size
+        if not np.isfinite(scale) or scale <= 0:
+            raise MeshError(f"its camera has the scale {per_metre:g}; estimate the body again")
+        size = np.array([picture.columns, picture.rows])
+        across = (origin - size / 2) * [1, -1] * picture.pixel_size
+        to_camera = compose(scale, TO_OPENGL, np.array([*across, 0.0]))
+
+        angle = np.radians(picture.yaw_deg)
+        cos, sin = np.cos(angle), np.sin(angle)
+        low, high = scan.bounds
+        camera_to_world = np.eye(4)
+        camera_to_world[:3, :3] = [[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]]
+        camera_to_world[1, 3] = (low[1] + high[1]) / 2
+
+        columns, rows = (np.arange(0, n, STRIDE) + 0.5 - n / 2 for n in size)
+        x, y = np.meshgrid(columns, -rows)
+        xy = np.stack([x.ravel(), y.ravel()], axis=1) * picture.pixel_size
+        seen = (body.transformed(to_camera), scan.transformed(np.linalg.inv(camera_to_world)))
+        fronts = [extents(xy, mesh.vertices, mesh.faces)[0] for mesh in seen]
+        both = np.isfinite(fronts[0]) & np.isfinite(fronts[1])
+        if not both.any() or both.sum() < LEAST_OVERLAP * np.isfinite(fronts[0]).sum():
+            raise MeshError(
+                "its estimated body does not lie over it; correct subjects.fits.picture, "
+                "or it is another picture's"
+            )
+        to_camera[2, 3] = np.median(fronts[1][both] - fronts[0][both])
+        to_world: np.ndarray = camera_to_world @ to_camera
+        return to_world
+
+
+def is_estimate(values: Mapping[str, Any]) -> bool:
+    """Whether a file's values are an estimator's, which have a camera."""
+    return "body_cam" in values or "orig_cam" in values
+
+
+def read_estimate(values: Mapping[str, Any], path: Path, place: Place) -> Estimate:
+    """The estimate that PIXIE's *_param.pkl or PyMAF-X's output.pkl holds of one scan's picture.
+
+    PyMAF-X writes one file for a folder of pictures; the picture is found by its name, which is
+    the scan's {id} or {name}.
+
+    Raises:
+        MeshError: something is missing, of another shape, or not of that picture.
+    """
+    if "body_cam" in values:
+        camera = _array(values, "body_cam", (3,), path)
+        box = None if values.get("bbox") is None else _array(values, "bbox", (4,), path)
+        return Estimate("pixie", parameters_from(values, path), camera, box=box)
+    row, name = _row(values, path, place)
+    people = len(np.atleast_2d(values["orig_cam"]))
+    vertices = _array(values, "smplx_verts", (people, -1, 3), path)[row]
+    camera = _array(values, "orig_cam", (people, 4), path)[row]
+    parameters = parameters_from(_pymafx_parameters(values, people, row, path), path)
+    return Estimate("pymafx", parameters, camera, vertices, record={"person": name})
+
+
+def _row(values: Mapping[str, Any], path: Path, place: Place) -> tuple[int, str]:
+    """Which person of PyMAF-X's file belongs to a scan."""
+    names = [str(name) for name in np.ravel(values.get("person_ids", []))]
+    people = len(np.atleast_2d(values["orig_cam"]))
+    if len(names) != people:
+        raise MeshError(f"{path}: has {people} cameras and {len(names)} person_ids; run it again")
+    stems = [re.sub(r"_f\d+_p\d+$", "", name) for name in names]
+    rows = [i for i, stem in enumerate(stems) if stem in (place.id, place.name)]
+    if len(rows) != 1:
+        found = f"{len(rows)} people" if rows else "nobody"
+        raise MeshError(
+            f"{path}: has {found} of a picture called '{place.id}' or '{place.name}' (it has "
+            f"{', '.join(names[:4])}{' ...' if people > 4 else ''}); name the pictures by the scans"
+        )
+    return rows[0], names[rows[0]]
+
+
+_PYMAFX = {
+    "shape": "betas",
+    "expression": "expression",
+    "left_hand_pose": "left_hand_pose",
+    "right_hand_pose": "right_hand_pose",
+    "jaw_pose": "jaw_pose",
+    "leye_pose": "leye_pose",
+    "reye_pose": "reye_pose",
+}
+"""PyMAF-X's names -> SMPL-X's, but for the body, whose first joint is the pelvis."""
+
+
+def _pymafx_parameters(
+    values: Mapping[str, Any], people: int, row: int, path: Path
+) -> dict[str, np.ndarray]:
+    """SMPL-X parameters of one row; the file has them by batches of pictures."""
+    batches = values.get("smplx_params")
+    if not isinstance(batches, Sequence) or not all(isinstance(b, Mapping) for b in batches):
+        raise MeshError(f"{path}: has no list of smplx_params; run PyMAF-X's SMPL-X demo")
+
+    def whole(name: str) -> np.ndarray | None:
+        parts = [np.asarray(batch[name]) for batch in batches if batch.get(name) is not None]
+        if not parts:
+            return None
+        try:
+            joined = np.concatenate(parts)
+        except ValueError:
+            joined = np.zeros(0)
+        if len(joined) != people:
+            raise MeshError(f"{path}: its {name} is not of {people} people; run PyMAF-X again")
+        return joined[row]
+
+    body = whole("body_pose")
+    if body is None or body.ndim != 3 or len(body) < 22:
+        raise MeshError(f"{path}: its smplx_params lack body_pose of 22 joints or more")
+    found = {ours: whole(theirs) for theirs, ours in _PYMAFX.items()}
+    given = {name: value for name, value in found.items() if value is not None}
+    return given | {"global_orient": body[:1], "body_pose": body[1:22]}
+
+
+def _array(values: Mapping[str, Any], name: str, shape: tuple[int, ...], path: Path) -> np.ndarray:
+    """A numeric member reshaped to `shape`."""
+    try:
+        array = np.asarray(values[name], dtype=np.float64)
+        if not np.isfinite(array).all():
+            raise ValueError
+        return array.reshape(shape)
+    except (KeyError, TypeError, ValueError):
+        due = ", ".join("any" if n < 0 else str(n) for n in shape)
+        raise MeshError(
+            f"{path}: its {name} is not ({due}) finite numbers; run the estimator again"
+        ) from None

@@ -1,0 +1,74 @@
+"""Where the files that belong to a scan lie, said once for all scans."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+
+@dataclass(frozen=True)
+class Place:
+    """What a pattern may say of a scan.
+
+    Attributes:
+        id: the subject's id.
+        folder: the scan's folder below the scans' root, with '/'; "" in the root itself.
+        name: the scan's file name without its ending.
+    """
+
+    id: str
+    folder: str
+    name: str
+
+
+FIELDS = ("id", "folder", "name")
+
+
+def check_pattern(pattern: str, key: str) -> None:
+    """ValueError where `pattern`, of the setting `key`, leaves its root or names unknown fields."""
+    parts = PurePosixPath(pattern)
+    if not parts.parts or parts.is_absolute() or ".." in parts.parts or "\\" in pattern:
+        raise ValueError(
+            f"{key}: '{pattern}' does not stay below its root; give one like '{{folder}}/fit.pkl'"
+        )
+    unknown = set(re.findall(r"{(.*?)}", pattern)) - set(FIELDS)
+    if unknown:
+        raise ValueError(
+            f"{key}: '{pattern}' names {', '.join(sorted(unknown))}; "
+            "use {folder}, {name} or {id} of the scan"
+        )
+
+
+def expand(pattern: str, place: Place, quote: Callable[[str], str] = str) -> str:
+    """The path, relative to its root, that `pattern` means for one scan, its fields quoted."""
+    for field in FIELDS:
+        pattern = pattern.replace(f"{{{field}}}", quote(getattr(place, field)))
+    return str(PurePosixPath(pattern.lstrip("/")))
+
+
+def matching(pattern: str, root: Path) -> Iterator[tuple[Path, str]]:
+    """The files below `root` that `pattern` means for any scan, and what it calls that scan."""
+    anything = re.sub(r"{\w+}", "*", pattern)
+    deep = "{folder}" in pattern
+    for path in sorted(root.glob(f"**/{anything}" if deep else anything)):
+        found = re.fullmatch(_expression(pattern), path.relative_to(root).as_posix())
+        if found and path.is_file():
+            fields = found.groupdict()
+            yield path, next(fields[field] for field in FIELDS if fields.get(field))
+
+
+def _expression(pattern: str) -> str:
+    """The regular expression of a pattern; a field that comes again has to be the same."""
+    expression, seen = "", set()
+    for part in re.split(r"({\w+})", pattern):
+        field = part[1:-1]
+        if part[:1] != "{":
+            expression += re.escape(part)
+        elif field in seen:
+            expression += f"(?P={field})"
+        else:
+            seen.add(field)
+            expression += f"(?P<{field}>{'.+' if field == 'folder' else '[^/]+'})"
+    return expression

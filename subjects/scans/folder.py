@@ -1,0 +1,79 @@
+"""The scans in a folder."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+from subjects.fits.pattern import Place
+from subjects.meshfile import EXTENSIONS
+
+BODY = "body.obj"
+"""The file beside a scan that holds its parametric body, in letters of either case."""
+
+
+def find_scans(root: Path, pattern: str) -> dict[str, Path]:
+    """Id -> file of every scan below `root` that `pattern` names.
+
+    "0525/0525.obj" is "0525", "a/b.glb" is "a_b". Hidden files, `body.obj` and files with "smplx"
+    in their name are no scans.
+
+    Raises:
+        ValueError: `root` holds no scan, or two scans get the same id.
+    """
+    paths: dict[str, Path] = {}
+    for path in sorted(root.glob(pattern)):
+        below = path.relative_to(root)
+        if not _is_scan(path) or any(part.startswith(".") for part in below.parts):
+            continue
+        name = scan_id(below)
+        if name in paths:
+            raise ValueError(
+                f"subjects root: '{paths[name]}' and '{path}' have the same id '{name}'; "
+                "rename one or narrow subjects pattern"
+            )
+        paths[name] = path
+    if not paths:
+        raise ValueError(
+            f"subjects root: '{root}' holds no scan that matches '{pattern}'; "
+            f"give a folder with {', '.join(EXTENSIONS)} files"
+        )
+    return paths
+
+
+def scan_id(below: Path) -> str:
+    """The id of a scan at `below` its root: in letters that files allow."""
+    parts = below.with_suffix("").parts
+    if len(parts) > 1 and parts[-1] == parts[-2]:
+        parts = parts[:-1]
+    return re.sub(r"[^A-Za-z0-9._-]", "_", "_".join(parts))
+
+
+def place_of(subject: str, path: Path, root: Path) -> Place:
+    """What patterns may say of the scan at `path`."""
+    folder = path.parent.relative_to(root).as_posix()
+    return Place(subject, "" if folder == "." else folder, path.stem)
+
+
+def is_body(path: Path) -> bool:
+    """Whether a file is the parametric body of the scan that it lies beside."""
+    return path.name.lower() == BODY and path.is_file()
+
+
+def linked(source: Path, link: Path) -> Path:
+    """`link`, made to hold what `source` holds: as a link, or as a copy where links fail."""
+    if link.exists() and not link.is_symlink() and link.samefile(source):
+        return link
+    link.parent.mkdir(parents=True, exist_ok=True)
+    link.unlink(missing_ok=True)
+    try:
+        link.symlink_to(source.resolve())
+    except OSError:
+        shutil.copyfile(source, link)
+    return link
+
+
+def _is_scan(path: Path) -> bool:
+    body = is_body(path) or "smplx" in path.name.lower()
+    return path.suffix.lower() in EXTENSIONS and not body and path.is_file()

@@ -1,0 +1,285 @@
+"""Bodies from PIXIE's and PyMAF-X's files, where their cameras and the front's depth put them."""
+
+from __future__ import annotations
+
+import pickle  # noqa: TID251 - written here, read only by the code under test
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from subjects.fits.estimate import Estimate, Picture, read_estimate
+from subjects.fits.model import pose
+from subjects.fits.parameters import parameters_from, read_values
+from subjects.fits.pattern import Place
+from subjects.mesh import Mesh, MeshError
+from subjects.meshfile import read_mesh
+from subjects.scans import Scans
+
+PICTURE = Picture()
+PLACE = Place("0525", "0525", "scan")
+FLIP = np.diag([1.0, -1.0, -1.0])
+
+
+def matrices(turns: Any) -> np.ndarray:
+    rotations = Rotation.from_rotvec(np.reshape(turns, (-1, 3))).as_matrix()
+    return rotations.astype(np.float32)
+
+
+def pixie_values(fit: Any, camera: tuple[float, float, float], box: Any) -> dict[str, Any]:
+    """PIXIE's dictionary for the fit's body: whole rotations, y down, z away."""
+    values = fit.values
+    upright = Rotation.from_matrix(FLIP) * Rotation.from_rotvec([0, -np.radians(127), 0])
+    whole = upright * Rotation.from_rotvec(values["global_orient"][0])
+    hands = {
+        side: matrices(
+            values[f"{side}_hand_pose"][0] @ fit.model[f"hands_components{side[0]}"][:12]
+            + fit.model[f"hands_mean{side[0]}"]
+        )
+        for side in ("left", "right")
+    }
+    return {
+        "shape": np.pad(values["betas"][0], (0, 190)),
+        "exp": np.pad(values["expression"][0], (0, 40)),
+        "global_pose": whole.as_matrix()[None].astype(np.float32),
+        "body_pose": matrices(values["body_pose"]),
+        "jaw_pose": matrices(values["jaw_pose"]),
+        "left_hand_pose": hands["left"],
+        "right_hand_pose": hands["right"],
+        "leye_pose": matrices(values["leye_pose"]),
+        "reye_pose": matrices(values["reye_pose"]),
+        "head_pose": np.eye(3, dtype=np.float32)[None],
+        "body_cam": np.array(camera, dtype=np.float32),
+        "bbox": box,
+    }
+
+
+def in_pixels(points: np.ndarray) -> np.ndarray:
+    """(N, 2) column and row in the picture of points in the camera's frame, metres."""
+    xy = points[:, :2] / PICTURE.pixel_size
+    return np.stack([xy[:, 0] + PICTURE.columns / 2, PICTURE.rows / 2 - xy[:, 1]], axis=1)
+
+
+def least_squares(points: np.ndarray, pixels: np.ndarray) -> tuple[float, np.ndarray]:
+    """Scale and (2,) shift that take points' x and y to pixels."""
+    a = np.zeros((2 * len(points), 3))
+    a[:, 0] = points[:, :2].ravel()
+    a[::2, 1] = a[1::2, 2] = 1
+    scale, *shift = np.linalg.lstsq(a, pixels.ravel(), rcond=None)[0]
+    return float(scale), np.array(shift)
+
+
+@pytest.fixture(scope="module")
+def neutral(models: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The estimators' model: the neutral one."""
+    folder = tmp_path_factory.mktemp("neutral")
+    (folder / "SMPLX_NEUTRAL.npz").symlink_to(models / "smplx" / "SMPLX_MALE.npz")
+    return folder
+
+
+class TestCamera:
+    def test_pixie_crop(self) -> None:
+        """The crop's corners are the centres of its first and last pixels of 224."""
+        values = {"betas": np.zeros(10), "body_pose": np.zeros(63)}
+        parameters = parameters_from(values, Path("p"))
+        box = np.array([100.0, 50, 200, 270])
+        estimate = Estimate("pixie", parameters, np.array([0.8, 0.1, -0.2]), box=box)
+        scale, origin = estimate.in_picture(PICTURE)
+        side = int(1.1 * 220)
+        for x, y in [(0, 0), (0.4, -0.7)]:
+            crop = (np.array([0.8 * (x + 0.1), 0.8 * (y - 0.2)]) + 1) / 2 * 224
+            pixel = np.array([150 - side / 2, 160 - side / 2]) + crop * side / 223
+            np.testing.assert_allclose(origin + scale * np.array([x, y]), pixel + 0.5)
+
+    def test_pixie_without_a_crop_needs_a_square(self) -> None:
+        values = {"betas": np.zeros(10), "body_pose": np.zeros(63)}
+        estimate = Estimate("pixie", parameters_from(values, Path("p")), np.array([1.0, 0, 0]))
+        with pytest.raises(MeshError, match="not square"):
+            estimate.in_picture(PICTURE)
+        scale, origin = estimate.in_picture(Picture(rows=224, columns=224))
+        assert scale == pytest.approx(112)
+        np.testing.assert_allclose(origin, [112.5, 112.5])
+
+    def test_pymafx_sees_the_whole_picture(self) -> None:
+        values = {"betas": np.zeros(10), "body_pose": np.zeros(63)}
+        camera = np.array([0.6 * 424 / 512, 0.6, 0.1, -0.3])
+        estimate = Estimate("pymafx", parameters_from(values, Path("p")), camera)
+        scale, origin = estimate.in_picture(PICTURE)
+        assert scale == pytest.approx(0.6 * 212)
+        u = 256 * (1 + camera[0] * (0.5 + 0.1))
+        v = 212 * (1 + camera[1] * (0.2 - 0.3))
+        np.testing.assert_allclose(origin + scale * np.array([0.5, 0.2]), [u, v])
+
+
+class TestPlacement:
+    def made(self, open_human: Path, tmp_path: Path, fits: dict[str, Any]) -> Any:
+        scans = tmp_path / "scans" / "0525"
+        scans.mkdir(parents=True)
+        for path in open_human.iterdir():
+            if path.name != "body.obj":
+                (scans / path.name).symlink_to(path)
+        from subjects.fits.fits import Fits
+
+        source = Scans(
+            root=str(tmp_path / "scans"), up="y", front="z", unit="m",
+            pattern="*/*.obj", fits=Fits(root=str(tmp_path / "fits"), **fits),
+        )  # fmt: skip
+        (subject,) = [name for name in source.ids() if name.startswith("0525")]
+        return source.make(subject, 0, tmp_path / "out")
+
+    def checked(self, subject: Any, open_human: Path, fit: Any) -> None:
+        """The body lies where the true one does, but for the clothes before its front."""
+        truth = Mesh(fit.body.vertices @ turned(-127).T, fit.body.faces)
+        place = subject.mesh_to_world[:3, 3]
+        found = subject.body_surface()
+        true = truth.vertices[np.unique(truth.faces)] + place
+        assert found is not None
+        assert len(found.vertices) == pytest.approx(len(true), abs=5)
+        (low, high), (true_low, true_high) = found.bounds, (true.min(axis=0), true.max(axis=0))
+        np.testing.assert_allclose(low[:2], true_low[:2], atol=2e-3)
+        np.testing.assert_allclose(high[:2], true_high[:2], atol=2e-3)
+        # The body's front is brought to the clothes', which lie a little before it.
+        ahead = (low[2] - true_low[2] + high[2] - true_high[2]) / 2
+        assert 0 < ahead < 0.03
+        np.testing.assert_allclose(high - low, true_high - true_low, rtol=2e-3)
+
+    @pytest.mark.parametrize("box", [[130.0, 20.0, 380.0, 400.0], np.array([100, 5, 420, 410])])
+    def test_pixie(
+        self, fit: Any, neutral: Path, open_human: Path, tmp_path: Path, box: Any
+    ) -> None:
+        # The model turns about its pelvis, so its own frame is shifted from the scan's.
+        values = pixie_values(fit, (1.0, 0.0, 0.0), box)
+        own = pose(neutral / "SMPLX_NEUTRAL.npz", parameters_from(values, Path("p")), False)
+        bounds = read_mesh(open_human / "open_0000.obj").bounds
+        true = fit.body.vertices @ turned(-127).T - (bounds[0] + bounds[1]) / 2
+        scale, shift = least_squares(own, in_pixels(true))
+        left, top, right, bottom = box
+        side = int(1.1 * max(right - left, bottom - top))
+        per = 112 * side / 223
+        corner = np.array([left + right, top + bottom]) / 2 - side / 2 + 0.5
+        s = scale / per
+        t = ((shift - corner) / per - 1) / s
+        (tmp_path / "fits").mkdir()
+        values["body_cam"] = np.array([s, *t], dtype=np.float32)
+        (tmp_path / "fits" / "0525_param.pkl").write_bytes(pickle.dumps(values, protocol=2))
+        fits = {"parameters": ["{folder}_param.pkl"], "models": str(neutral)}
+        subject = self.made(open_human, tmp_path, fits)
+        self.checked(subject, open_human, fit)
+        assert subject.body_parameters["model"] == "pixie"
+        assert subject.body_parameters["scan_to_body_mm"] < 35
+
+    @pytest.mark.parametrize("batch", [1, 2, 8])
+    def test_pymafx(
+        self, fit: Any, neutral: Path, open_human: Path, tmp_path: Path, batch: int
+    ) -> None:
+        own = fit.body.vertices @ turned(-127).T @ FLIP
+        middle = read_mesh(open_human / "open_0000.obj").bounds
+        pixels = in_pixels(own @ FLIP - (middle[0] + middle[1]) / 2)
+        root = own.mean(axis=0)
+        scale, shift = least_squares(own - root, pixels)
+        half = np.array([256, 212])
+        camera = np.array([*(scale / half), *((shift / half - 1) / (scale / half))])
+        people = 3
+        names = ["other_f0_p0", "open_0000_f1_p0", "x_f2_p0"]
+        draw = np.random.default_rng(0).normal
+
+        def tensor(*shape: int) -> torch.Tensor:
+            return torch.tensor(matrices(draw(0, 0.1, (int(np.prod(shape[:-2])), 3)))).reshape(
+                shape
+            )
+
+        batches = [
+            {
+                "shape": torch.tensor(draw(size=(n, 10))),
+                "body_pose": tensor(n, 24, 3, 3),
+                "left_hand_pose": tensor(n, 15, 3, 3),
+                "right_hand_pose": tensor(n, 15, 3, 3),
+                "jaw_pose": tensor(n, 1, 3, 3),
+                "leye_pose": tensor(n, 1, 3, 3),
+                "reye_pose": tensor(n, 1, 3, 3),
+                "expression": torch.tensor(draw(size=(n, 50))),
+            }
+            for n in [
+                len(part) for part in np.split(np.arange(people), range(batch, people, batch))
+            ]
+        ]
+        vertices = np.stack([draw(size=own.shape), own - root, draw(size=own.shape)])
+        output = {
+            "pred_cam": draw(size=(people, 3)).astype(np.float32),
+            "orig_cam": np.stack([camera * 2, camera, camera / 2]).astype(np.float32),
+            "smplx_verts": vertices.astype(np.float32),
+            "smplx_params": batches,
+            "person_ids": names,
+            "frame_ids": np.arange(people),
+            "bboxes": draw(size=(people, 4)),
+        }
+        (tmp_path / "fits").mkdir()
+        joblib.dump(output, tmp_path / "fits" / "output.pkl")
+        fits = {"parameters": ["output.pkl"], "models": str(neutral)}
+        subject = self.made(open_human, tmp_path, fits)
+        self.checked(subject, open_human, fit)
+        record = subject.body_parameters
+        assert record["model"] == "pymafx"
+        assert record["person"] == "open_0000_f1_p0"
+        whole = np.concatenate([part["shape"].numpy() for part in batches])
+        np.testing.assert_allclose(record["betas"], whole[1])
+
+    def test_beside_its_scan(
+        self, fit: Any, neutral: Path, open_human: Path, tmp_path: Path
+    ) -> None:
+        (tmp_path / "fits").mkdir()
+        values = pixie_values(fit, (0.9, 5.0, 0.0), np.array([100, 5, 420, 410]))
+        (tmp_path / "fits" / "0525_param.pkl").write_bytes(pickle.dumps(values, protocol=2))
+        fits = {"parameters": ["{folder}_param.pkl"], "models": str(neutral)}
+        with pytest.raises(MeshError, match="does not lie over it"):
+            self.made(open_human, tmp_path, fits)
+
+
+class TestFiles:
+    def output(self, **changes: Any) -> dict[str, Any]:
+        return {
+            "orig_cam": np.ones((2, 4)),
+            "smplx_verts": np.zeros((2, 10475, 3)),
+            "smplx_params": [
+                {"body_pose": np.tile(np.eye(3), (2, 24, 1, 1)), "shape": np.ones((2, 10))}
+            ],
+            "person_ids": ["0525_f0_p0", "b_f1_p0"],
+        } | changes
+
+    def test_the_person_of_a_picture(self) -> None:
+        found = read_estimate(self.output(), Path("output.pkl"), PLACE)
+        assert found.record == {"person": "0525_f0_p0"}
+
+    @pytest.mark.parametrize(
+        ("changes", "said"),
+        [
+            ({"person_ids": ["a_f0_p0", "b_f1_p0"]}, "has nobody of a picture called '0525'"),
+            ({"person_ids": ["0525_f0_p0", "0525_f0_p1"]}, "has 2 people of a picture"),
+            ({"person_ids": ["0525_f0_p0"]}, "2 cameras and 1 person_ids"),
+            ({"smplx_verts": np.zeros((3, 10475, 3))}, "smplx_verts is not"),
+            ({"smplx_params": None}, "no list of smplx_params"),
+            ({"smplx_params": [{"body_pose": np.zeros((1, 24, 3, 3))}]}, "not of 2 people"),
+            ({"smplx_params": [{}]}, "lack body_pose"),
+            ({"orig_cam": np.full((2, 4), np.nan)}, "orig_cam is not"),
+        ],
+    )
+    def test_damaged_output(self, changes: dict[str, Any], said: str) -> None:
+        with pytest.raises(MeshError, match=said) as error:
+            read_estimate(self.output(**changes), Path("output.pkl"), PLACE)
+        assert str(error.value).startswith("output.pkl: ")
+        assert "\n" not in str(error.value)
+
+    def test_values_of_a_real_dump(self, tmp_path: Path) -> None:
+        """What joblib and torch write comes back as arrays."""
+        path = tmp_path / "output.pkl"
+        joblib.dump({"orig_cam": np.ones((1, 4)), "smplx_params": [{"a": torch.ones(2)}]}, path)
+        values = read_values(path)
+        assert isinstance(values["smplx_params"][0]["a"], np.ndarray)
+
+
+def turned(degrees: float) -> np.ndarray:
+    return Rotation.from_euler("y", degrees, degrees=True).as_matrix()
