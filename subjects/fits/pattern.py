@@ -49,12 +49,17 @@ def expand(pattern: str, place: Place, quote: Callable[[str], str] = str) -> str
 
 
 def matching(pattern: str, root: Path) -> Iterator[tuple[Path, str]]:
-    """The files below `root` that `pattern` means for any scan, and what it calls that scan."""
+    """The files below `root` that `pattern` means for any scan, and what it calls that scan.
+
+    Hidden files and folders are left out, as they are among scans.
+    """
     anything = re.sub(r"{\w+}", "*", pattern)
     deep = "{folder}" in pattern
     for path in sorted(root.glob(f"**/{anything}" if deep else anything)):
-        found = re.fullmatch(_expression(pattern), path.relative_to(root).as_posix())
-        if found and path.is_file():
+        below = path.relative_to(root)
+        found = re.fullmatch(_expression(pattern), below.as_posix())
+        hidden = any(part.startswith(".") for part in below.parts)
+        if found and not hidden and path.is_file():
             fields = found.groupdict()
             yield path, next(fields[field] for field in FIELDS if fields.get(field))
 

@@ -31,7 +31,7 @@ from subjects.fits import tensors
 from subjects.mesh import MeshError
 
 LARGEST_MB = 512.0
-"""Megabytes (2^20 bytes) that a file may hold and may unpack to; SMPL-X itself unpacks to 240."""
+"""Megabytes (2^20 bytes) that a file may hold and may unpack to; SMPL-X's arrays take about 220."""
 
 MOST_OPCODES = 2_000_000
 """Steps of a pickle that are read; a tensor takes about sixty."""
@@ -558,6 +558,8 @@ def _bytes(megabytes: float) -> int:
 def _content(path: Path, most: int) -> bytes:
     path = Path(path)
     try:
+        if path.exists() and not path.is_file():
+            raise OSError("it is no file")
         if path.stat().st_size > most:
             raise _too_large()
         return path.read_bytes()

@@ -66,9 +66,11 @@ class Scans(Source):
     """SPDX identifier or name of the scans' licence; goes into every shard."""
     fits: Fits = field(default_factory=Fits)
     """The bodies fitted to the scans; `body.obj` beside a scan where none are named."""
-    max_body_distance: float = 0.035
-    """Metres that a scan may be from its body, the mean over the scan's surface; a fit that is
-    farther off has gone wrong, and its subject is set aside."""
+    max_scan_to_body: float = 0.035
+    """Metres from a scan to its body, the mean over the scan's surface, beyond which the fit has
+    gone wrong and the subject is set aside; wide clothes and long hair need more."""
+    max_body_to_scan: float = 0.016
+    """The same from the body to the scan, which clothes change less."""
     limits: Limits = field(default_factory=Limits)
     """How large a scan's files may be."""
 
@@ -81,10 +83,9 @@ class Scans(Source):
             )
         if self.limit is not None and self.limit < 1:
             raise ValueError(f"subjects limit: {self.limit} leaves no scan; give 1 or more")
-        if not self.max_body_distance > 0:
-            raise ValueError(
-                f"subjects max_body_distance: {self.max_body_distance} m; give metres above 0"
-            )
+        for key in ("max_scan_to_body", "max_body_to_scan"):
+            if not getattr(self, key) > 0:
+                raise ValueError(f"subjects {key}: {getattr(self, key)} m; give metres above 0")
         if self.texture is not None:
             check_pattern(self.texture, "subjects texture")
         pattern = PurePosixPath(self.pattern)
@@ -245,17 +246,19 @@ class Scans(Source):
                 f"{scan_height:.4g} m, by subjects unit: {self.unit}); export it in the scan's "
                 "coordinates and unit"
             )
-        distance = surface_distance(scan, placed)
-        if distance > self.max_body_distance:
-            raise MeshError(
-                f"is {1000 * distance:.1f} mm from its body '{fit.name}', the mean over its "
-                f"surface, where {1000 * self.max_body_distance:.1f} mm are allowed; correct the "
-                "fit, or for wide clothes raise subjects max_body_distance"
-            )
-        return body.parameters | {
-            "scan_to_body_mm": round(1000 * distance, 2),
-            "body_to_scan_mm": round(1000 * surface_distance(placed, scan), 2),
+        found = {
+            "scan_to_body": surface_distance(scan, placed),
+            "body_to_scan": surface_distance(placed, scan),
         }
+        for key, distance in found.items():
+            most = getattr(self, f"max_{key}")
+            if distance > most:
+                raise MeshError(
+                    f"is off its body '{fit.name}': {key.replace('_', ' ')} {1000 * distance:.1f} "
+                    f"mm in the mean, where {1000 * most:.1f} mm are allowed; correct the fit, or "
+                    f"raise subjects max_{key} where it is right"
+                )
+        return body.parameters | {f"{key}_mm": round(1000 * d, 2) for key, d in found.items()}
 
     @cached_property
     def _root(self) -> Path:

@@ -119,7 +119,8 @@ class TestConfiguration:
             ({"unit": 0.0}, "subjects unit"),
             ({"unit": float("nan")}, "subjects unit"),
             ({"limit": 0}, "subjects limit"),
-            ({"max_body_distance": 0.0}, "subjects max_body_distance"),
+            ({"max_scan_to_body": 0.0}, "subjects max_scan_to_body"),
+            ({"max_body_to_scan": -1.0}, "subjects max_body_to_scan"),
             ({"unit": "body"}, "subjects unit"),
             ({"front": "body"}, "subjects front"),
             ({"up": "body"}, "subjects up"),
@@ -249,7 +250,7 @@ class TestMake:
         path = export(body, tmp_path / "in" / "a" / "body.obj")
         path.write_text("mtllib body.mtl\nusemtl grey\n" + path.read_text())
         path.with_suffix(".mtl").write_text("newmtl grey\nKd 0.5\n")
-        source = scans(tmp_path / "in", max_body_distance=0.2)
+        source = scans(tmp_path / "in", max_scan_to_body=1, max_body_to_scan=1)
         subject = source.make("a", 0, tmp_path / "out")
         assert subject.body == tmp_path / "out" / "body.obj"
         # A change of the file that the body was read from is a change of the subject.
@@ -293,7 +294,7 @@ class TestMake:
         export(person().apply_scale(100), tmp_path / "in" / "a" / "a.ply")
         body = person().apply_scale(size).apply_translation([aside, 0, 0])
         path = export(body, tmp_path / "in" / "a" / "body.obj")
-        source = scans(tmp_path / "in", unit="cm", max_body_distance=0.5)
+        source = scans(tmp_path / "in", unit="cm", max_scan_to_body=1, max_body_to_scan=1)
         if not fault:
             assert source.make("a", 0, tmp_path / "out").body is not None
             return
@@ -305,16 +306,16 @@ class TestMake:
     def test_body_that_is_too_far_off(self, tmp_path: Path) -> None:
         export(person(), tmp_path / "in" / "a" / "a.ply")
         path = export(person().apply_translation([0, 0, 0.08]), tmp_path / "in" / "a" / "body.obj")
-        near = scans(tmp_path / "in", max_body_distance=0.1).make("a", 0, tmp_path / "out")
-        found = near.body_parameters["scan_to_body_mm"]
+        wide = {"max_scan_to_body": 0.1, "max_body_to_scan": 0.1}
+        near = scans(tmp_path / "in", **wide).make("a", 0, tmp_path / "out")
         assert near.body_parameters["model"] == "mesh"
-        assert 0 < found < 80
-        assert near.body_parameters["body_to_scan_mm"] == pytest.approx(found, abs=0.5)
-        with pytest.raises(MeshError) as error:
-            scans(tmp_path / "in", max_body_distance=found / 1000 - 1e-3).make(
-                "a", 0, tmp_path / "out"
-            )
-        one_line(error, path, "mm from its body", "max_body_distance")
+        for key in ("scan_to_body", "body_to_scan"):
+            found = near.body_parameters[f"{key}_mm"]
+            assert 0 < found < 80
+            tight = wide | {f"max_{key}": found / 1000 - 1e-3}
+            with pytest.raises(MeshError) as error:
+                scans(tmp_path / "in", **tight).make("a", 0, tmp_path / "out")
+            one_line(error, path, f"{key.replace('_', ' ')} ", f"raise subjects max_{key}")
 
     def test_two_bodies(self, tmp_path: Path) -> None:
         for name in ("a.ply", "body.obj", "Body.OBJ"):

@@ -42,6 +42,9 @@ class TestPattern:
             path.parent.mkdir(exist_ok=True)
             path.touch()
         (tmp_path / "other.npz").touch()
+        (tmp_path / ".trash").mkdir()
+        for name in (".trash/.trash.pkl", ".trash/fit_a.pkl", ".a.pkl"):
+            (tmp_path / name).touch()
         assert [name for _, name in matching(pattern, tmp_path)] == ["a", "b", "c"]
 
     def test_a_field_is_the_same_each_time(self, tmp_path: Path) -> None:

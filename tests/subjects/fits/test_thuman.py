@@ -190,10 +190,12 @@ class TestPlacement:
         shutil.copytree(thuman, root)
         wrong = parameters(fit, translation=SHIFT + np.array([0.1 * SCALE, 0, 0]))
         write_fit(root / "smplx" / "0000" / "smplx_param.pkl", wrong)
-        with pytest.raises(MeshError, match=r"is \d+\.\d mm from its body") as error:
+        with pytest.raises(MeshError, match=r"is off its body.*scan to body \d+\.\d mm") as error:
             source(root, models).make("0000", 0, tmp_path / "out")
         assert "35.0 mm are allowed" in str(error.value)
-        kept = source(root, models, max_body_distance=0.1).make("0000", 0, tmp_path / "out")
+        kept = source(root, models, max_scan_to_body=0.1, max_body_to_scan=0.1).make(
+            "0000", 0, tmp_path / "out"
+        )
         assert kept.body_parameters["scan_to_body_mm"] > 35
 
     def test_an_edited_fit_is_noticed(
@@ -332,7 +334,7 @@ class TestBuild:
             ("0007", ["'../secret.png'", "outside its folder"]),
             ("0008", ["0008.obj", "names v 9, but there are 3"]),
             ("0009", ["0009.glb", "no surface"]),
-            ("0010", ["mm from its body", "35.0 mm are allowed"]),
+            ("0010", ["is off its body", "35.0 mm are allowed"]),
         ],
     )
     def test_bad_ones_are_set_aside_in_one_line(
