@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import ClassVar
 
 from subjects.subject import Subject
 
 
 class Source(ABC):
-    """Where surfaces come from. A source is its own configuration (a frozen dataclass).
+    """Where surfaces come from. A source is its own configuration (a frozen dataclass)."""
 
-    Attributes:
-        packages: what the surfaces' bytes depend on beside this project; their versions are kept.
-    """
-
-    packages: ClassVar[tuple[str, ...]] = ()
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """What the surfaces' bytes depend on beside this project; their versions are kept."""
+        return ()
 
     @abstractmethod
     def ids(self) -> list[str]:

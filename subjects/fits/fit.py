@@ -70,22 +70,33 @@ class Fit:
         except MeshError as error:
             raise MeshError(f"{self.name}: {error}") from None
 
-    def body(self, posed: Mesh) -> Body:
+    def body(self, posed: Mesh, units_per_metre: float | None) -> Body:
         """The body where its parameters, its mesh or its similarity put it.
 
         Args:
             posed: as `posed` gives it.
+            units_per_metre: the scan's, for parameters without a scale; None where only a fit's
+                scale can tell.
+
+        Raises:
+            MeshError: nothing says the scale.
         """
         smplx, vertices = self.parameters, posed.vertices
         if smplx is None:
             to_scan = np.eye(4) if self.similarity is None else self.similarity
             return Body(vertices, posed.faces, to_scan, parameters={"model": "mesh"})
-        to_scan = compose(smplx.scale, np.eye(3), smplx.translation)
         if self.similarity is not None:
             to_scan = self.similarity
-        elif self.mesh is not None:
-            # The mesh is in the scan's coordinates; the body's own are metric.
-            vertices = (vertices - smplx.translation) / smplx.scale
+        else:
+            scale = units_per_metre if smplx.scale is None else smplx.scale
+            if scale is None:
+                raise MeshError(
+                    f"has a fit '{self.name}' without a scale; give the scans' subjects unit"
+                )
+            to_scan = compose(scale, np.eye(3), smplx.translation)
+            if self.mesh is not None:
+                # The mesh is in the scan's coordinates; the body's own are metric.
+                vertices = (vertices - smplx.translation) / scale
         record = {"model": "smplx", **smplx.to_json()}
         return Body(vertices, posed.faces, to_scan, smplx.orientation, smplx.upright, record)
 

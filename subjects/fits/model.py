@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -79,6 +80,8 @@ def pose(model: Path, parameters: Parameters, flat_hand_mean: bool) -> np.ndarra
     Raises:
         MeshError: the model cannot be read, or has not as many components as the parameters.
     """
+    if find_spec("smplx") is None:
+        raise MeshError("needs the package smplx to be posed; install it: pip install smplx")
     import torch
 
     flat = parameters.flat_hand_mean

@@ -69,7 +69,7 @@ class Parameters:
             hand space.
         jaw_pose, leye_pose, reye_pose: (3,) axis-angle.
         transl, translation: (3,).
-        scale: scan units per metre.
+        scale: scan units per metre; None where the file does not say it.
         gender: of the model, where the file says it.
         flat_hand_mean: whether hands are turns from the flat hand (else from the model's mean
             hand), where the file says it.
@@ -86,7 +86,7 @@ class Parameters:
     reye_pose: np.ndarray
     transl: np.ndarray
     translation: np.ndarray
-    scale: float
+    scale: float | None
     gender: Gender | None = None
     flat_hand_mean: bool | None = None
 
@@ -198,8 +198,8 @@ def _from(named: Mapping[str, Any]) -> Parameters:
             )
     left, right = (_hand(named, f"{side}_hand_pose") for side in ("left", "right"))
     matrices = any(_is_matrices(named.get(f"{side}_hand_pose")) for side in ("left", "right"))
-    scale = float(_numbers(named, "scale", 1, default=1.0)[0])
-    if not scale > 0:
+    scale = None if named.get("scale") is None else float(_numbers(named, "scale", 1)[0])
+    if scale is not None and not scale > 0:
         raise _WrongError(f"has a scale of {scale:g}, which is no size; correct the fit")
     return Parameters(
         betas=_numbers(named, "betas"),

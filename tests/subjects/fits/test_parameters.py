@@ -125,7 +125,7 @@ class TestSchemas:
 
     def test_what_may_be_left_out(self) -> None:
         found = parameters_from({"betas": np.ones(10), "body_pose": np.zeros(63)}, HERE)
-        assert found.scale == 1.0
+        assert found.scale is None
         assert found.expression.shape == (0,)
         assert found.left_hand_pose.shape == (15, 3)
         assert np.array_equal(found.orientation, np.eye(3))

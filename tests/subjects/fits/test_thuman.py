@@ -182,6 +182,21 @@ class TestPlacement:
         assert np.abs(surface.vertices - (truth.vertices - shift)).max() < 1e-5
         assert made.body_parameters["scan_to_body_mm"] < 20
 
+    def test_a_metric_fit_of_a_scan_in_centimetres(
+        self, open_human: Path, fit: Any, models: Path, tmp_path: Path
+    ) -> None:
+        """Without a scale of its own the fit takes the unit that is stated, and needs one."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = 100 * TURN
+        write_scan(open_human, tmp_path / "scans" / "a", matrix)
+        write_fit(tmp_path / "smplx" / "a" / "smplx_param.pkl", fit.values)
+        made = source(tmp_path, models, unit="cm").make("a", 0, tmp_path / "out")
+        assert made.body_parameters["scan_to_body_mm"] < 20
+        surface, truth = made.surface(), read_mesh(open_human / "open_0000.obj")
+        np.testing.assert_allclose(np.ptp(surface.bounds, 0), np.ptp(truth.bounds, 0), atol=1e-5)
+        with pytest.raises(MeshError, match=r"without a scale; give the scans' subjects unit"):
+            source(tmp_path, models).make("a", 0, tmp_path / "out")
+
     def test_a_fit_that_went_wrong_is_set_aside(
         self, thuman: Path, models: Path, tmp_path: Path, fit: Any
     ) -> None:
