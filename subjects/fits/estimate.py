@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 
 from subjects.crossings import extents
-from subjects.fits.parameters import Parameters, parameters_from
+from subjects.fits import model
+from subjects.fits.body import Body
+from subjects.fits.parameters import Parameters, parameters_from, read_values
 from subjects.fits.pattern import Place
 from subjects.fits.similarity import compose
 from subjects.mesh import Mesh, MeshError
@@ -35,8 +37,8 @@ LEAST_OVERLAP = 0.3
 
 @dataclass(frozen=True)
 class Picture:
-    """The picture that an estimator was given: the scan's front, as a build without bodies renders
-    it. Its centre is level with the scan's middle."""
+    """The picture that an estimator was given: the scan's front, as a build with the same scans and
+    fits, but no estimates, renders it."""
 
     rows: int = 424
     """Height in pixels."""
@@ -50,10 +52,12 @@ class Picture:
     def __post_init__(self) -> None:
         for name in ("rows", "columns"):
             if getattr(self, name) < 1:
-                raise ValueError(f"subjects.fits.picture.{name}: give a number of pixels above 0")
+                raise ValueError(
+                    f"subjects.estimates.picture.{name}: give a number of pixels above 0"
+                )
         if not 0 < self.pixel_size < 1:
             raise ValueError(
-                f"subjects.fits.picture.pixel_size: {self.pixel_size} m; "
+                f"subjects.estimates.picture.pixel_size: {self.pixel_size} m; "
                 "give metres per pixel, such as 0.005"
             )
 
@@ -63,21 +67,45 @@ class Estimate:
     """A body estimated from a picture, in the estimator's frame.
 
     Attributes:
+        file: that it was read from.
         estimator: "pixie" or "pymafx".
         parameters: SMPL-X's.
-        vertices: (10475, 3) float64 metres, x right, y down, z away from the viewer; None where
-            the model is to be posed by `parameters`.
         camera: of the estimator, as its file has it.
+        posed: metres; x right, y down, z away from the viewer.
         box: left, top, right, bottom of PIXIE's crop in pixels, before its margin; None where the
             whole picture was taken.
+        record: what else is to be kept, JSON-ready.
     """
 
+    file: Path
     estimator: str
     parameters: Parameters
     camera: np.ndarray
-    vertices: np.ndarray | None = None
+    posed: Mesh
     box: np.ndarray | None = None
     record: dict[str, Any] = field(default_factory=dict)
+
+    def body(self, picture: Picture, level: float, scan: Mesh, mesh_to_world: np.ndarray) -> Body:
+        """The body, brought to the scan.
+
+        Args:
+            picture: what the estimator saw.
+            level: height of the picture's centre in the world, metres.
+            scan: in the coordinates of its file.
+            mesh_to_world: (4, 4) that takes it into the world.
+
+        Raises:
+            MeshError: the body does not lie over the scan.
+        """
+        to_world = self.to_world(picture, level, scan.transformed(mesh_to_world))
+        record = {
+            "model": self.estimator,
+            "camera": self.camera.tolist(),
+            **self.record,
+            **self.parameters.to_json(),
+        }
+        to_scan = np.linalg.inv(mesh_to_world) @ to_world
+        return Body(self.posed.vertices, self.posed.faces, to_scan, parameters=record)
 
     def in_picture(self, picture: Picture) -> tuple[float, np.ndarray]:
         """Pixels per metre, and (2,) the column and row where the body's x = y = 0 falls.
@@ -113,15 +141,15 @@ class Estimate:
             )
         return np.array([0, 0, picture.columns - 1, picture.rows - 1], dtype=np.float64)
 
-    def to_world(self, body: Mesh, picture: Picture, scan: Mesh) -> np.ndarray:
+    def to_world(self, picture: Picture, level: float, scan: Mesh) -> np.ndarray:
         """(4, 4) similarity from the estimator's frame to the subject's world.
 
         Across the picture the camera places the body. Towards the viewer the median over all lines
         of sight that meet both brings its front to the scan's.
 
         Args:
-            body: in the estimator's frame.
             picture: what the estimator saw.
+            level: height of the picture's centre in the world, metres.
             scan: in the world, metres.
 
         Raises:
@@ -137,20 +165,19 @@ class Estimate:
 
         angle = np.radians(picture.yaw_deg)
         cos, sin = np.cos(angle), np.sin(angle)
-        low, high = scan.bounds
         camera_to_world = np.eye(4)
         camera_to_world[:3, :3] = [[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]]
-        camera_to_world[1, 3] = (low[1] + high[1]) / 2
+        camera_to_world[1, 3] = level
 
         columns, rows = (np.arange(0, n, STRIDE) + 0.5 - n / 2 for n in size)
         x, y = np.meshgrid(columns, -rows)
         xy = np.stack([x.ravel(), y.ravel()], axis=1) * picture.pixel_size
-        seen = (body.transformed(to_camera), scan.transformed(np.linalg.inv(camera_to_world)))
+        seen = (self.posed.transformed(to_camera), scan.transformed(np.linalg.inv(camera_to_world)))
         fronts = [extents(xy, mesh.vertices, mesh.faces)[0] for mesh in seen]
         both = np.isfinite(fronts[0]) & np.isfinite(fronts[1])
         if not both.any() or both.sum() < LEAST_OVERLAP * np.isfinite(fronts[0]).sum():
             raise MeshError(
-                "its estimated body does not lie over it; correct subjects.fits.picture, "
+                "its estimated body does not lie over it; correct subjects.estimates.picture, "
                 "or it is another picture's"
             )
         to_camera[2, 3] = np.median(fronts[1][both] - fronts[0][both])
@@ -158,30 +185,39 @@ class Estimate:
         return to_world
 
 
-def is_estimate(values: Mapping[str, Any]) -> bool:
-    """Whether a file's values are an estimator's, which have a camera."""
-    return "body_cam" in values or "orig_cam" in values
-
-
-def read_estimate(values: Mapping[str, Any], path: Path, place: Place) -> Estimate:
+def read_estimate(path: Path, place: Place, models: str | None) -> Estimate:
     """The estimate that PIXIE's *_param.pkl or PyMAF-X's output.pkl holds of one scan's picture.
 
     PyMAF-X writes one file for a folder of pictures; the picture is found by its name, which is
     the scan's {id} or {name}.
 
+    Args:
+        path: the file.
+        place: the scan.
+        models: folder of SMPL-X's files; PyMAF-X's bodies take its triangles only.
+
     Raises:
         MeshError: something is missing, of another shape, or not of that picture.
     """
+    values = read_values(path)
+    if "body_cam" not in values and "orig_cam" not in values:
+        raise MeshError(
+            f"{path}: has neither PIXIE's body_cam nor PyMAF-X's orig_cam; give an estimator's "
+            "output, or a fit's parameters as subjects.fits.parameters"
+        )
     if "body_cam" in values:
         camera = _array(values, "body_cam", (3,), path)
         box = None if values.get("bbox") is None else _array(values, "bbox", (4,), path)
-        return Estimate("pixie", parameters_from(values, path), camera, box=box)
+        parameters = parameters_from(values, path)
+        posed = model.posed(path, models, "neutral", parameters, flat_hand_mean=True)
+        return Estimate(path, "pixie", parameters, camera, posed, box)
     row, name = _row(values, path, place)
     people = len(np.atleast_2d(values["orig_cam"]))
-    vertices = _array(values, "smplx_verts", (people, -1, 3), path)[row]
+    vertices = _array(values, "smplx_verts", (people, model.VERTICES, 3), path)[row]
     camera = _array(values, "orig_cam", (people, 4), path)[row]
     parameters = parameters_from(_pymafx_parameters(values, people, row, path), path)
-    return Estimate("pymafx", parameters, camera, vertices, record={"person": name})
+    posed = model.posed(path, models, "neutral", parameters, vertices=vertices)
+    return Estimate(path, "pymafx", parameters, camera, posed, record={"person": name})
 
 
 def _row(values: Mapping[str, Any], path: Path, place: Place) -> tuple[int, str]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from subjects.fits.parameters import Gender, Parameters
 from subjects.fits.pickled import read_npz, read_pickle
-from subjects.mesh import MeshError
+from subjects.mesh import Mesh, MeshError
 
 if TYPE_CHECKING:
     import smplx
@@ -55,7 +55,7 @@ def find_model(folder: str | None, gender: Gender) -> Path:
     if folder is None:
         raise MeshError(
             f"needs SMPL-X's {gender} model to be posed: put {name}.npz, of {SOURCE}, into a "
-            "folder and give it as subjects.fits.models, or give posed bodies (subjects.fits.mesh)"
+            "folder and give it as subjects.models, or give posed bodies (subjects.fits.mesh)"
         )
     root = Path(folder).expanduser()
     for below in (".", "smplx", "models/smplx"):
@@ -65,8 +65,38 @@ def find_model(folder: str | None, gender: Gender) -> Path:
                 return path
     raise MeshError(
         f"needs SMPL-X's {gender} model to be posed: put {name}.npz, of {SOURCE}, into "
-        f"'{root}' (subjects.fits.models)"
+        f"'{root}' (subjects.models)"
     )
+
+
+def posed(
+    fit: Path,
+    folder: str | None,
+    gender: Gender,
+    parameters: Parameters,
+    flat_hand_mean: bool = False,
+    vertices: np.ndarray | None = None,
+) -> Mesh:
+    """SMPL-X's body of the parameters in a file.
+
+    Args:
+        fit: the file, for messages.
+        folder: of the model's files.
+        gender: of the model.
+        parameters: in `fit`.
+        flat_hand_mean: as of `pose`.
+        vertices: (10475, 3) metres where they are known and the model gives the faces alone.
+
+    Raises:
+        MeshError: as of `find_model` and `pose`, or `vertices` are not the model's.
+    """
+    try:
+        path = find_model(folder, gender)
+        if vertices is None:
+            vertices = pose(path, parameters, flat_hand_mean)
+        return Mesh(vertices, faces(path))
+    except MeshError as error:
+        raise MeshError(f"{fit}: {error}") from None
 
 
 def pose(model: Path, parameters: Parameters, flat_hand_mean: bool) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -77,3 +77,30 @@ def _expression(pattern: str) -> str:
             seen.add(field)
             expression += f"(?P<{field}>{'.+' if field == 'folder' else '[^/]+'})"
     return expression
+
+
+def first_file(patterns: Iterable[str], place: Place, base: Path) -> Path | None:
+    """The first file that is there, of those that `patterns` mean for one scan."""
+    paths = (base / expand(pattern, place) for pattern in patterns)
+    return next((path for path in paths if path.is_file()), None)
+
+
+def base_folder(root: str | None, scans: Path, key: str) -> Path:
+    """The folder that patterns are relative to: that of the setting `key`, or the scans' own.
+
+    Raises:
+        ValueError: it is no folder.
+    """
+    base = scans if root is None else Path(root).expanduser()
+    if not base.is_dir():
+        raise ValueError(f"{key}: '{base}' is no folder; give the folder of the files it names")
+    return base
+
+
+def not_there(patterns: Iterable[str], place: Place, base: Path, key: str) -> str:
+    """What to tell of a scan for which no pattern of the setting `key` leads to a file."""
+    names = [f"'{expand(pattern, place)}'" for pattern in patterns]
+    return (
+        f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} not in '{base}'; "
+        f"put it there or correct {key}"
+    )

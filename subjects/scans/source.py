@@ -11,13 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from subjects.fits.body import Body, surface_distance
+from subjects.fits.body import Body
+from subjects.fits.estimates import Estimates
 from subjects.fits.fit import Fit
 from subjects.fits.fits import Fits
-from subjects.fits.pattern import check_pattern, expand
+from subjects.fits.pattern import Place, check_pattern, expand
 from subjects.limits import Limits
 from subjects.mesh import Material, Mesh, MeshError
 from subjects.meshfile import check_winding, read_mesh, read_mesh_and_files, read_texture
+from subjects.scans.agreement import check_size, distances
 from subjects.scans.folder import BODY, find_scans, is_body, linked, place_of, scan_id
 from subjects.scans.placement import Axis, Placement, Unit
 from subjects.source import Source
@@ -27,8 +29,8 @@ from subjects.wavefront import write_mesh
 BODY_DECIMALS = 9
 """Of a body's coordinates in its scan's unit, which may be long."""
 
-BODY_HEIGHTS = (0.6, 1.1)
-"""A body's height over its scan's: hair and what is held up add to a scan, little to a body."""
+ESTIMATED = "estimated.obj"
+"""The file of the estimated body, beside that of the exact one where there is one."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,10 @@ class Scans(Source):
     """SPDX identifier or name of the scans' licence; goes into every shard."""
     fits: Fits = field(default_factory=Fits)
     """The bodies fitted to the scans; `body.obj` beside a scan where none are named."""
+    estimates: Estimates = field(default_factory=Estimates)
+    """Bodies estimated from pictures, for the body maps in place of the exact ones."""
+    models: str | None = None
+    """Folder of SMPL-X's own files (SMPLX_MALE.npz ...), to pose parameters with."""
     max_scan_to_body: float = 0.035
     """Metres from a scan to its body, the mean over the scan's surface, beyond which the fit has
     gone wrong and the subject is set aside; wide clothes and long hair need more."""
@@ -108,11 +114,12 @@ class Scans(Source):
         Raises:
             ValueError: `root` holds no scans, or two of them get the same id.
         """
-        return sorted([*self._paths, *self._strays])[: self.limit]
+        return sorted([*sorted(self._paths)[: self.limit], *self._strays])
 
     def refuse_output(self, output: Path) -> None:
         """As `Source.refuse_output`: links below `root` would be scans of the next build."""
-        for root in (self._root, self.fits.base(self._root)):
+        bases = (self.fits.base(self._root), self.estimates.base(self._root))
+        for root in (self._root, *bases):
             if output.resolve().is_relative_to(root.resolve()):
                 raise ValueError(
                     f"'{output}' lies inside subjects root '{root}'; "
@@ -140,29 +147,40 @@ class Scans(Source):
         if subject not in self._paths:
             raise ValueError(f"subjects root: '{self.root}' has no scan '{subject}'; see its ids")
         path = self._paths[subject]
-        texture = self._texture(subject, path)
+        place = place_of(subject, path, self._root)
+        texture = self._texture(place, path)
         cover = None if texture is None else Material(texture=read_texture(texture, self.limits))
         mesh, named = read_mesh_and_files(path, self.limits, cover)
-        # What is wrong with a fit's files names those; the rest is the scan's.
-        fit = self._fit(subject, path)
-        posed = None if fit is None else fit.posed()
+        # What is wrong with the files of a fit or an estimate names those; the rest is the scan's.
+        fit = self._fit(place, path)
+        estimate = self.estimates.read(place, self._root, self.models)
         try:
             check_winding(mesh, flip_faces=self.flip_faces)
-            body, mesh_to_world = self._placed(mesh, fit, posed)
+            body = None if fit is None else fit.body(self._placement.units_per_metre)
+            mesh_to_world = self._placement.mesh_to_world(mesh.vertices, body)
             record = {}
-            if body is not None and fit is not None:
-                record = self._checked(body, fit, mesh, mesh_to_world)
+            if fit is not None and body is not None:
+                record = self._checked(mesh, body, fit, mesh_to_world)
+            guess = None
+            if estimate is not None:
+                level = _middle_height(mesh_to_world, mesh, body)
+                guess = estimate.body(self.estimates.picture, level, mesh, mesh_to_world)
+                apart = distances(mesh, guess, mesh_to_world)
+                record = guess.parameters | apart | ({"fit": record} if record else {})
         except MeshError as error:
             raise MeshError(f"{path}: {error}") from None
 
         files = [linked(path.parent / name, folder / name) for name in named]
-        if fit is not None and body is not None:
-            files += [
-                linked(source, folder / f"fit_{role}{source.suffix.lower()}")
-                for role, source in fit.files.items()
-            ]
-            placed = body.in_scan()
-            write_mesh(folder / BODY, placed.vertices, placed.faces, BODY_DECIMALS)
+        sources = {} if fit is None else {f"fit_{k}": file for k, file in fit.files.items()}
+        sources |= {} if estimate is None else {"estimate": estimate.file}
+        for name, file in sources.items():
+            files.append(linked(file, folder / f"{name}{file.suffix.lower()}"))
+        bodies = [
+            _write(each, folder / name)
+            for name, each in ((BODY, body), (ESTIMATED, guess))
+            if each is not None
+        ]
+        files += bodies[:-1]
         return Subject(
             id=subject,
             source="scans",
@@ -170,18 +188,18 @@ class Scans(Source):
             mesh=linked(path, folder / path.name),
             mesh_to_world=mesh_to_world,
             flip_faces=self.flip_faces,
-            body=None if body is None else folder / BODY,
+            body=bodies[-1] if bodies else None,
             body_parameters=record,
             texture=None if texture is None else linked(texture, folder / texture.name),
             files=tuple(files),
             limits=self.limits,
         )
 
-    def _texture(self, subject: str, path: Path) -> Path | None:
+    def _texture(self, place: Place, path: Path) -> Path | None:
         """The image that covers the scan at `path` in place of its own materials, if one does."""
         if self.texture is None:
             return None
-        pattern = expand(self.texture, place_of(subject, path, self._root), glob.escape)
+        pattern = expand(self.texture, place, glob.escape)
         found = sorted(file for file in self._root.glob(pattern) if file.is_file())
         if not found:
             raise MeshError(
@@ -190,14 +208,10 @@ class Scans(Source):
             )
         return found[0]
 
-    def _fit(self, subject: str, path: Path) -> Fit | None:
+    def _fit(self, place: Place, path: Path) -> Fit | None:
         """The fit of the scan at `path`, or None where it has none and needs none."""
         if self.fits.named:
-            place = place_of(subject, path, self._root)
-            fit = self.fits.read(place, self._root, self.limits)
-            if fit is None:
-                raise MeshError(f"{path}: {self.fits.missing(place, self._root)}")
-            return fit
+            return self.fits.read(place, self._root, self.limits, self.models)
         bodies = [file for file in sorted(path.parent.iterdir()) if is_body(file)]
         if not bodies:
             return None
@@ -209,61 +223,30 @@ class Scans(Source):
             raise MeshError(
                 f"{body}: lies beside {len(beside)} scans; give each scan and body their own folder"
             )
-        return Fit({"mesh": body}, mesh=read_mesh(body, self.limits, Material()))
-
-    def _placed(
-        self, mesh: Mesh, fit: Fit | None, posed: Mesh | None
-    ) -> tuple[Body | None, np.ndarray]:
-        """The scan's body, and (4, 4) from the scan's coordinates to the world."""
-        if fit is None or posed is None:
-            return None, self._placement.mesh_to_world(mesh.vertices, None)
-        if fit.estimate is None:
-            body = fit.body(posed, self._placement.units_per_metre)
-            return body, self._placement.mesh_to_world(mesh.vertices, body)
-        # A picture was taken of the scan as it stands in the world, so it has to stand first.
-        mesh_to_world = self._placement.mesh_to_world(mesh.vertices, None)
-        body = fit.estimated_body(posed, self.fits.picture, mesh, mesh_to_world)
-        return body, mesh_to_world
+        return Fit({"mesh": body}, read_mesh(body, self.limits, Material()))
 
     def _checked(
-        self, body: Body, fit: Fit, mesh: Mesh, mesh_to_world: np.ndarray
+        self, mesh: Mesh, body: Body, fit: Fit, mesh_to_world: np.ndarray
     ) -> dict[str, Any]:
         """What made `body` and how far the scan is from it; MeshError where it is not the scan's.
 
         Args:
+            mesh: the scan.
             body: of the scan, by `fit`.
-            mesh: the scan, in its file's coordinates.
-            mesh_to_world: (4, 4) that takes both into the world.
+            mesh_to_world: (4, 4) from the scan's coordinates.
         """
-        placed = body.in_scan().transformed(mesh_to_world)
-        scan = mesh.transformed(mesh_to_world)
-        (low, high), (scan_low, scan_high) = placed.bounds, scan.bounds
-        height, scan_height = high[1] - low[1], scan_high[1] - scan_low[1]
-        centre = (low + high) / 2
-        fault = None
-        if not BODY_HEIGHTS[0] <= height / scan_height <= BODY_HEIGHTS[1]:
-            fault = "is of another size than the scan"
-        elif not ((scan_low <= centre) & (centre <= scan_high)).all():
-            fault = "lies elsewhere than the scan"
-        if fault is not None:
-            raise MeshError(
-                f"its body '{fit.name}' {fault} ({height:.4g} m high, the scan "
-                f"{scan_height:.4g} m, by subjects unit: {self.unit}); export it in the scan's "
-                "coordinates and unit"
-            )
-        found = {
-            "scan_to_body": surface_distance(scan, placed),
-            "body_to_scan": surface_distance(placed, scan),
-        }
-        for key, distance in found.items():
-            most = getattr(self, f"max_{key}")
-            if distance > most:
+        check_size(mesh, body, mesh_to_world, f"'{fit.name}', by subjects unit: {self.unit},")
+        apart = distances(mesh, body, mesh_to_world)
+        for key, millimetres in apart.items():
+            setting = f"max_{key.removesuffix('_mm')}"
+            most = 1000 * getattr(self, setting)
+            if millimetres > most:
                 raise MeshError(
-                    f"is off its body '{fit.name}': {key.replace('_', ' ')} {1000 * distance:.1f} "
-                    f"mm in the mean, where {1000 * most:.1f} mm are allowed; correct the fit, or "
-                    f"raise subjects max_{key} where it is right"
+                    f"is off its body '{fit.name}': {key.removesuffix('_mm').replace('_', ' ')} "
+                    f"{millimetres:.1f} mm in the mean, where {most:.1f} mm are allowed; correct "
+                    f"the fit, or raise subjects {setting} where it is right"
                 )
-        return body.parameters | {f"{key}_mm": round(1000 * d, 2) for key, d in found.items()}
+        return body.parameters | apart
 
     @cached_property
     def _root(self) -> Path:
@@ -283,7 +266,23 @@ class Scans(Source):
     @cached_property
     def _strays(self) -> dict[str, Path]:
         """Id -> file of every fit without a scan."""
+        if self.limit is not None:
+            return {}  # a look at some; what has no scan says nothing of them
         places = [place_of(name, path, self._root) for name, path in self._paths.items()]
         strays = self.fits.strays(places, self._root)
         named = {scan_id(Path(f"{name}.fit")): path for name, path in strays.items()}
         return {name: path for name, path in named.items() if name not in self._paths}
+
+
+def _middle_height(mesh_to_world: np.ndarray, mesh: Mesh, body: Body | None) -> float:
+    """The height half way between the lowest and the highest vertex of a scan and its body."""
+    meshes = [mesh] if body is None else [mesh, body.in_scan()]
+    heights = [corner[1] for each in meshes for corner in each.transformed(mesh_to_world).bounds]
+    return float(min(heights) + max(heights)) / 2
+
+
+def _write(body: Body, path: Path) -> Path:
+    """`path`, with the body in its scan's coordinates."""
+    placed = body.in_scan()
+    write_mesh(path, placed.vertices, placed.faces, BODY_DECIMALS)
+    return path

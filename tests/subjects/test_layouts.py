@@ -330,7 +330,7 @@ class TestTHuman:
         source = built(*commands(page("thuman21"))[0])
         for path in (home / "THuman2.1" / "smplx").glob("*/mesh_smplx.obj"):
             path.unlink()
-        with pytest.raises(MeshError, match=r"SMPLX_NEUTRAL\.npz.*subjects\.fits\.models"):
+        with pytest.raises(MeshError, match=r"SMPLX_NEUTRAL\.npz.*subjects\.models"):
             source.make("0526", 0, home / "out")
 
     def test_one_axis_for_both_batches_is_refused(self, home: Path) -> None:

@@ -13,16 +13,21 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from subjects.fits.estimate import Estimate, Picture, read_estimate
+from subjects.fits.estimates import Estimates
+from subjects.fits.fits import Fits
 from subjects.fits.model import pose
-from subjects.fits.parameters import parameters_from, read_values
+from subjects.fits.parameters import parameters_from
 from subjects.fits.pattern import Place
 from subjects.mesh import Mesh, MeshError
 from subjects.meshfile import read_mesh
 from subjects.scans import Scans
+from subjects.wavefront import write_mesh
 
 PICTURE = Picture()
 PLACE = Place("0525", "0525", "scan")
 FLIP = np.diag([1.0, -1.0, -1.0])
+HERE = Path("estimate.pkl")
+NOBODY = Mesh(np.eye(3), np.array([[0, 1, 2]]))
 
 
 def matrices(turns: Any) -> np.ndarray:
@@ -85,9 +90,9 @@ class TestCamera:
     def test_pixie_crop(self) -> None:
         """The crop's corners are the centres of its first and last pixels of 224."""
         values = {"betas": np.zeros(10), "body_pose": np.zeros(63)}
-        parameters = parameters_from(values, Path("p"))
+        parameters = parameters_from(values, HERE)
         box = np.array([100.0, 50, 200, 270])
-        estimate = Estimate("pixie", parameters, np.array([0.8, 0.1, -0.2]), box=box)
+        estimate = Estimate(HERE, "pixie", parameters, np.array([0.8, 0.1, -0.2]), NOBODY, box)
         scale, origin = estimate.in_picture(PICTURE)
         side = int(1.1 * 220)
         for x, y in [(0, 0), (0.4, -0.7)]:
@@ -97,7 +102,8 @@ class TestCamera:
 
     def test_pixie_without_a_crop_needs_a_square(self) -> None:
         values = {"betas": np.zeros(10), "body_pose": np.zeros(63)}
-        estimate = Estimate("pixie", parameters_from(values, Path("p")), np.array([1.0, 0, 0]))
+        parameters = parameters_from(values, HERE)
+        estimate = Estimate(HERE, "pixie", parameters, np.array([1.0, 0, 0]), NOBODY)
         with pytest.raises(MeshError, match="not square"):
             estimate.in_picture(PICTURE)
         scale, origin = estimate.in_picture(Picture(rows=224, columns=224))
@@ -107,7 +113,7 @@ class TestCamera:
     def test_pymafx_sees_the_whole_picture(self) -> None:
         values = {"betas": np.zeros(10), "body_pose": np.zeros(63)}
         camera = np.array([0.6 * 424 / 512, 0.6, 0.1, -0.3])
-        estimate = Estimate("pymafx", parameters_from(values, Path("p")), camera)
+        estimate = Estimate(HERE, "pymafx", parameters_from(values, HERE), camera, NOBODY)
         scale, origin = estimate.in_picture(PICTURE)
         assert scale == pytest.approx(0.6 * 212)
         u = 256 * (1 + camera[0] * (0.5 + 0.1))
@@ -116,18 +122,29 @@ class TestCamera:
 
 
 class TestPlacement:
-    def made(self, open_human: Path, tmp_path: Path, fits: dict[str, Any]) -> Any:
+    def made(
+        self,
+        open_human: Path,
+        tmp_path: Path,
+        estimates: dict[str, Any],
+        models: Path,
+        **changes: Any,
+    ) -> Any:
         scans = tmp_path / "scans" / "0525"
         scans.mkdir(parents=True)
         for path in open_human.iterdir():
             if path.name != "body.obj":
                 (scans / path.name).symlink_to(path)
-        from subjects.fits.fits import Fits
-
         source = Scans(
-            root=str(tmp_path / "scans"), up="y", front="z", unit="m",
-            pattern="*/*.obj", fits=Fits(root=str(tmp_path / "fits"), **fits),
-        )  # fmt: skip
+            root=str(tmp_path / "scans"),
+            up="y",
+            front="z",
+            unit="m",
+            pattern="*/*.obj",
+            estimates=Estimates(root=str(tmp_path / "fits"), **estimates),
+            models=str(models),
+            **changes,
+        )
         (subject,) = [name for name in source.ids() if name.startswith("0525")]
         return source.make(subject, 0, tmp_path / "out")
 
@@ -153,7 +170,7 @@ class TestPlacement:
     ) -> None:
         # The model turns about its pelvis, so its own frame is shifted from the scan's.
         values = pixie_values(fit, (1.0, 0.0, 0.0), box)
-        own = pose(neutral / "SMPLX_NEUTRAL.npz", parameters_from(values, Path("p")), False)
+        own = pose(neutral / "SMPLX_NEUTRAL.npz", parameters_from(values, HERE), False)
         bounds = read_mesh(open_human / "open_0000.obj").bounds
         true = fit.body.vertices @ turned(-127).T - (bounds[0] + bounds[1]) / 2
         scale, shift = least_squares(own, in_pixels(true))
@@ -166,11 +183,14 @@ class TestPlacement:
         (tmp_path / "fits").mkdir()
         values["body_cam"] = np.array([s, *t], dtype=np.float32)
         (tmp_path / "fits" / "0525_param.pkl").write_bytes(pickle.dumps(values, protocol=2))
-        fits = {"parameters": ["{folder}_param.pkl"], "models": str(neutral)}
-        subject = self.made(open_human, tmp_path, fits)
+        fits = {"files": ["{folder}_param.pkl"]}
+        subject = self.made(open_human, tmp_path, fits, neutral)
         self.checked(subject, open_human, fit)
         assert subject.body_parameters["model"] == "pixie"
         assert subject.body_parameters["scan_to_body_mm"] < 35
+        assert subject.body is not None
+        assert subject.body.name == "estimated.obj"
+        assert "fit" not in subject.body_parameters
 
     @pytest.mark.parametrize("batch", [1, 2, 8])
     def test_pymafx(
@@ -219,8 +239,8 @@ class TestPlacement:
         }
         (tmp_path / "fits").mkdir()
         joblib.dump(output, tmp_path / "fits" / "output.pkl")
-        fits = {"parameters": ["output.pkl"], "models": str(neutral)}
-        subject = self.made(open_human, tmp_path, fits)
+        fits = {"files": ["output.pkl"]}
+        subject = self.made(open_human, tmp_path, fits, neutral)
         self.checked(subject, open_human, fit)
         record = subject.body_parameters
         assert record["model"] == "pymafx"
@@ -228,31 +248,67 @@ class TestPlacement:
         whole = np.concatenate([part["shape"].numpy() for part in batches])
         np.testing.assert_allclose(record["betas"], whole[1])
 
-    def test_beside_its_scan(
+    def test_beside_an_exact_body(
+        self, fit: Any, neutral: Path, open_human: Path, tmp_path: Path
+    ) -> None:
+        """The exact body is kept, and the picture's centre is level with it and the scan."""
+        low = read_mesh(open_human / "body.obj").vertices - [0, 0.05, 0]  # feet below the floor
+        write_mesh(tmp_path / "body.obj", low, read_mesh(open_human / "body.obj").faces)
+        (tmp_path / "fits").mkdir()
+        values = pixie_values(fit, (1.0, 0.0, 0.0), np.array([100, 5, 420, 410]))
+        own = pose(neutral / "SMPLX_NEUTRAL.npz", parameters_from(values, HERE), False)
+        bounds = np.array(read_mesh(open_human / "open_0000.obj").bounds)
+        bounds[0, 1] = min(bounds[0, 1], low[:, 1].min())
+        true = fit.body.vertices @ turned(-127).T - bounds.mean(axis=0)
+        scale, shift = least_squares(own, in_pixels(true))
+        side = int(1.1 * 405)
+        per = 112 * side / 223
+        corner = np.array([520, 415]) / 2 - side / 2 + 0.5
+        values["body_cam"] = np.array([scale / per, *((shift - corner) / per - 1) / scale * per])
+        (tmp_path / "fits" / "0525_param.pkl").write_bytes(pickle.dumps(values, protocol=2))
+        (tmp_path / "exact").mkdir()
+        (tmp_path / "exact" / "0525.obj").symlink_to(tmp_path / "body.obj")
+        subject = self.made(
+            open_human,
+            tmp_path,
+            {"files": ["{folder}_param.pkl"]},
+            neutral,
+            fits=Fits(root=str(tmp_path / "exact"), mesh=["{folder}.obj"]),
+            max_scan_to_body=0.1,
+            max_body_to_scan=0.1,
+        )
+        self.checked(subject, open_human, fit)
+        assert subject.body.name == "estimated.obj"
+        assert {"body.obj", "fit_mesh.obj", "estimate.pkl"} <= {f.name for f in subject.files}
+        assert subject.body_parameters["model"] == "pixie"
+        assert subject.body_parameters["fit"]["model"] == "mesh"
+
+    def test_far_from_its_scan(
         self, fit: Any, neutral: Path, open_human: Path, tmp_path: Path
     ) -> None:
         (tmp_path / "fits").mkdir()
         values = pixie_values(fit, (0.9, 5.0, 0.0), np.array([100, 5, 420, 410]))
         (tmp_path / "fits" / "0525_param.pkl").write_bytes(pickle.dumps(values, protocol=2))
-        fits = {"parameters": ["{folder}_param.pkl"], "models": str(neutral)}
+        fits = {"files": ["{folder}_param.pkl"]}
         with pytest.raises(MeshError, match="does not lie over it"):
-            self.made(open_human, tmp_path, fits)
+            self.made(open_human, tmp_path, fits, neutral)
 
 
 class TestFiles:
-    def output(self, **changes: Any) -> dict[str, Any]:
-        return {
+    def read(self, tmp_path: Path, models: Path, **changes: Any) -> Estimate:
+        path = tmp_path / "output.pkl"
+        whole = {"body_pose": np.tile(np.eye(3), (2, 24, 1, 1)), "shape": np.ones((2, 10))}
+        output = {
             "orig_cam": np.ones((2, 4)),
             "smplx_verts": np.zeros((2, 10475, 3)),
-            "smplx_params": [
-                {"body_pose": np.tile(np.eye(3), (2, 24, 1, 1)), "shape": np.ones((2, 10))}
-            ],
+            "smplx_params": [whole],
             "person_ids": ["0525_f0_p0", "b_f1_p0"],
-        } | changes
+        }
+        joblib.dump(output | changes, path)
+        return read_estimate(path, PLACE, str(models))
 
-    def test_the_person_of_a_picture(self) -> None:
-        found = read_estimate(self.output(), Path("output.pkl"), PLACE)
-        assert found.record == {"person": "0525_f0_p0"}
+    def test_the_person_of_a_picture(self, tmp_path: Path, neutral: Path) -> None:
+        assert self.read(tmp_path, neutral).record == {"person": "0525_f0_p0"}
 
     @pytest.mark.parametrize(
         ("changes", "said"),
@@ -261,24 +317,41 @@ class TestFiles:
             ({"person_ids": ["0525_f0_p0", "0525_f0_p1"]}, "has 2 people of a picture"),
             ({"person_ids": ["0525_f0_p0"]}, "2 cameras and 1 person_ids"),
             ({"smplx_verts": np.zeros((3, 10475, 3))}, "smplx_verts is not"),
+            ({"smplx_verts": np.zeros((2, 6890, 3))}, "smplx_verts is not"),
             ({"smplx_params": None}, "no list of smplx_params"),
             ({"smplx_params": [{"body_pose": np.zeros((1, 24, 3, 3))}]}, "not of 2 people"),
             ({"smplx_params": [{}]}, "lack body_pose"),
             ({"orig_cam": np.full((2, 4), np.nan)}, "orig_cam is not"),
         ],
     )
-    def test_damaged_output(self, changes: dict[str, Any], said: str) -> None:
+    def test_damaged_output(
+        self, tmp_path: Path, neutral: Path, changes: dict[str, Any], said: str
+    ) -> None:
         with pytest.raises(MeshError, match=said) as error:
-            read_estimate(self.output(**changes), Path("output.pkl"), PLACE)
-        assert str(error.value).startswith("output.pkl: ")
+            self.read(tmp_path, neutral, **changes)
+        assert str(error.value).startswith(f"{tmp_path / 'output.pkl'}: ")
         assert "\n" not in str(error.value)
 
-    def test_values_of_a_real_dump(self, tmp_path: Path) -> None:
-        """What joblib and torch write comes back as arrays."""
-        path = tmp_path / "output.pkl"
-        joblib.dump({"orig_cam": np.ones((1, 4)), "smplx_params": [{"a": torch.ones(2)}]}, path)
-        values = read_values(path)
-        assert isinstance(values["smplx_params"][0]["a"], np.ndarray)
+    def test_a_fit_is_no_estimate(self, tmp_path: Path) -> None:
+        path = tmp_path / "fit.npz"
+        np.savez(path, betas=np.zeros(10), body_pose=np.zeros(63))
+        with pytest.raises(MeshError, match=r"neither PIXIE's body_cam.*subjects\.fits"):
+            read_estimate(path, PLACE, None)
+
+    def test_no_estimate_of_a_scan(self, tmp_path: Path) -> None:
+        estimates = Estimates(files=["{id}/{id}_param.pkl"], root=str(tmp_path))
+        with pytest.raises(MeshError, match=r"'0525' has no estimate: '0525/0525_param\.pkl' is"):
+            estimates.read(PLACE, tmp_path, None)
+        assert Estimates().read(PLACE, tmp_path, None) is None
+
+    def test_wrong_settings(self) -> None:
+        with pytest.raises(ValueError, match=r"^subjects\.estimates\.root: "):
+            Estimates(root="pixie")
+        with pytest.raises(ValueError, match=r"^subjects\.estimates\.files: "):
+            Estimates(files=["../{id}.pkl"])
+        for name, value in (("rows", 0), ("columns", -1), ("pixel_size", 2.0)):
+            with pytest.raises(ValueError, match=rf"^subjects\.estimates\.picture\.{name}: "):
+                Picture(**{name: value})
 
 
 def turned(degrees: float) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import pickle  # noqa: TID251 - written here, read only by the code under test
@@ -82,9 +83,14 @@ def source(root: Path, models: Path | None, **changes: Any) -> Scans:
         "root": str(root / "smplx"),
         "mesh": ["{folder}/mesh_smplx.obj"],
         "parameters": ["{folder}/smplx_param.pkl"],
-        "models": None if models is None else str(models),
     }
-    given = {"root": str(root / "scans"), "up": "y", "front": "body", "unit": "body"}
+    given: dict[str, Any] = {
+        "root": str(root / "scans"),
+        "up": "y",
+        "front": "body",
+        "unit": "body",
+    }
+    given["models"] = None if models is None else str(models)
     return Scans(**given | changes, fits=Fits(**fits))
 
 
@@ -290,7 +296,7 @@ def built(
     result = run(
         "build", "--config", ROOT / "configs" / "thuman2.yaml", "--output", data, *views,
         "--subjects.root", scans, "--subjects.fits.root", smplx,
-        "--subjects.fits.models", models, "--subjects.pattern", "[0-9]*/*",
+        "--subjects.models", models, "--subjects.pattern", "[0-9]*/*",
     )  # fmt: skip
     plain = root / "plain"
     shutil.copytree(open_human, plain / "0000", ignore=shutil.ignore_patterns("param*"))
@@ -372,3 +378,29 @@ class TestBuild:
         card = (built["data"] / "README.md").read_text()
         assert "Redistributable: no" in card
         assert "THuman2.0 Agreement" in card
+
+
+class TestPart:
+    """A part of a set: fits whose scans are not there."""
+
+    @pytest.fixture
+    def part(self, thuman: Path, tmp_path: Path) -> Path:
+        shutil.copytree(thuman, tmp_path / "in")
+        shutil.rmtree(tmp_path / "in" / "scans" / "0000")
+        return tmp_path / "in"
+
+    def test_they_are_set_aside(self, part: Path) -> None:
+        found = source(part, None)
+        assert found.ids() == ["0000", "0001"]
+        with pytest.raises(MeshError, match=r"0000/smplx_param\.pkl: is a fit without a scan"):
+            found.make("0000", 0, part.parent / "out")
+
+    def test_they_may_be_ignored(self, part: Path) -> None:
+        kept = source(part, None)
+        ignoring = dataclasses.replace(
+            kept, fits=dataclasses.replace(kept.fits, unmatched="ignored")
+        )
+        assert ignoring.ids() == ["0001"]
+
+    def test_a_look_at_the_first_few_is_of_scans(self, part: Path) -> None:
+        assert source(part, None, limit=1).ids() == ["0001"]
