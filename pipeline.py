@@ -115,6 +115,8 @@ def _cure(message: str, parser: ArgumentParser | None) -> str:
         message = message.replace(said, meant)
     if parser is not None:
         message += _suggestion(message, parser)
+    if "expected one argument" in message:
+        message += "; a value that starts with '-' is written as --key=value"
     return message
 
 
