@@ -60,8 +60,8 @@ def main() -> None:
         for pair, move in zip(row, BODIES.values(), strict=True):
             pair[:] = surface_distance(scan, move(body)), surface_distance(move(body), scan)
     bounds = np.array([Scans.max_scan_to_body, Scans.max_body_to_scan])
-    print(f"{len(folders)} humans: least, median and most millimetres; the share that is set aside")
-    print(f"by {1000 * bounds[0]:g} mm from scan to body, and by that or {1000 * bounds[1]:g} mm back")
+    print(f"{len(folders)} humans: least, median and most millimetres, and who is set aside by")
+    print("{:g} mm from scan to body, and by that or {:g} mm back".format(*1000 * bounds))
     print(f"{'body':20}{'scan to body':>21}{'body to scan':>23}{'one':>8}{'either':>8}")
     for name, both in zip(BODIES, distances.transpose(1, 0, 2), strict=True):
         figures = [
