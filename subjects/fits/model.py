@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from subjects.fits.parameters import Gender, Parameters
-from subjects.fits.pickled import read_npz, read_pickle
+from subjects.fits.pickles import read_npz, read_pickle
 from subjects.mesh import Mesh, MeshError
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from subjects.fits.pickled import read_npy, read_npz, read_pickle
+from subjects.fits.pickles import read_npy, read_npz, read_pickle
 from subjects.mesh import MeshError
 
 Gender = Literal["neutral", "female", "male"]

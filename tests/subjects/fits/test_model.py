@@ -99,7 +99,7 @@ class TestFiles:
             model.find_model(str(tmp_path), "neutral")
         for part in ("SMPLX_NEUTRAL.npz", "https://smpl-x.is.tue.mpg.de", f"'{tmp_path}'"):
             assert part in str(error.value)
-        with pytest.raises(MeshError, match=r"subjects\.fits\.models"):
+        with pytest.raises(MeshError, match=r"subjects\.models"):
             model.find_model(None, "male")
 
     @pytest.mark.parametrize("below", [".", "smplx", "models/smplx"])

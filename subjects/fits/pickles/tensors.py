@@ -15,9 +15,7 @@ import numpy as np
 
 from subjects.mesh import MeshError
 
-ARRAY_TYPES = frozenset(
-    ["numpy.ndarray", "trimesh.caching.TrackedArray", "trimesh.util.TrackedArray"]
-)
+ARRAY_TYPES = {"numpy.ndarray", "trimesh.caching.TrackedArray", "trimesh.util.TrackedArray"}
 """Classes whose pickles hold what a plain array's hold."""
 
 _ELEMENT_TYPES = {
@@ -55,7 +53,6 @@ TENSOR_TYPES = frozenset(
 
 _PLAIN = re.compile(r"[<>=|]?[biufcSU][1-9][0-9]{0,8}")
 _OBJECT = re.compile(r"[<>=|]?O[48]?")
-
 
 MOST_AXES = 32
 """Axes of an array; NumPy 1 has no more."""

@@ -28,8 +28,8 @@ import pytest
 import torch
 import trimesh
 
-from subjects.fits import pickled
-from subjects.fits.pickled import read_npy, read_npz, read_pickle
+from subjects.fits.pickles import content, read_npy, read_npz, read_pickle
+from subjects.fits.pickles.reader import DEEPEST
 from subjects.mesh import MeshError
 
 PROTOCOLS = range(pickle.HIGHEST_PROTOCOL + 1)
@@ -748,9 +748,9 @@ class TestBombs:
             read(data)
 
     def test_as_deep_as_told(self, read: Callable) -> None:
-        assert str(read(deep(b"]", b"\x85", pickled.DEEPEST - 1))).count("(") == pickled.DEEPEST - 1
+        assert str(read(deep(b"]", b"\x85", DEEPEST - 1))).count("(") == DEEPEST - 1
         with pytest.raises(MeshError, match="over 64 levels"):
-            read(deep(b"]", b"\x85", pickled.DEEPEST + 1))
+            read(deep(b"]", b"\x85", DEEPEST + 1))
 
     @pytest.mark.parametrize(
         "data",
@@ -789,10 +789,10 @@ class TestBombs:
     def test_steps(self, read: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
         data = pickle.dumps([torch.ones(1) for _ in range(20)])
         outside = sum(1 for _ in pickletools.genops(data))
-        monkeypatch.setattr(pickled, "MOST_OPCODES", outside + 20 * 200)
+        monkeypatch.setattr(content, "MOST_OPCODES", outside + 20 * 200)
         assert len(read(data)) == 20
         for most in (outside - 1, outside + 100):  # the storages' pickles count too
-            monkeypatch.setattr(pickled, "MOST_OPCODES", most)
+            monkeypatch.setattr(content, "MOST_OPCODES", most)
             with pytest.raises(MeshError, match=f"takes over {most} steps"):
                 read(data)
 
