@@ -66,6 +66,15 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
         wait = config.subjects.preparation()
         if wait is not None:
             print(wait, file=sys.stderr)
+    refused = config.subjects.refused()
+    for subject, reason in refused.items():
+        writer.fail(subject, "subjects", reason)
+    if refused:
+        print(
+            f"{len(refused)} set aside beforehand: {next(iter(refused.values()))}"
+            + (" (and others like it)" if len(refused) > 1 else ""),
+            file=sys.stderr,
+        )
     dataset = writer.folder.resolve()
     _lay_papers(config, dataset)
     tasks = [
@@ -78,10 +87,11 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
     writer.finish()
 
     elapsed = time.monotonic() - start
-    failures = len(missing) - len(rendered)
+    unmade = len(missing) - len(rendered)
+    failures = unmade + len(refused)
     per_view = f", {elapsed / (len(rendered) * views):.2f} s per view" if rendered else ""
     print(
-        f"{len(writer.planned) - failures} shards of {views} views in {writer.folder}\n"
+        f"{len(writer.planned) - unmade} shards of {views} views in {writer.folder}\n"
         f"{len(rendered)} made now in {elapsed:.0f} s{per_view}; {failures} set aside"
         + (f", see {writer.folder / 'failures.jsonl'}" if failures else "")
     )

@@ -82,7 +82,8 @@ def make_subject(task: Task) -> None:
         "subject": subject.to_json(folder),
     }
     cost = {"seconds": round(time.monotonic() - start, 2), "peak_memory_mb": peak.megabytes}
-    (folder / COST).write_text(json.dumps(cost) + "\n", encoding="utf-8")
+    with atomic_write(folder / COST) as file:  # never through a link
+        file.write(json.dumps(cost).encode() + b"\n")
     # A record says that the files are whole: they reach the disk before it does.
     for path in filter(Path.is_file, folder.rglob("*")):
         with path.open("rb") as file:
@@ -142,6 +143,11 @@ def make_shard(task: Task) -> ShardResult:
         "mesh": subject.mesh.relative_to(task.dataset).as_posix(),
         "mesh_to_world": subject.mesh_to_world.tolist(),
         "mesh_sha256": file_sha256(subject.mesh),
+        "files": {
+            path.relative_to(task.dataset).as_posix(): file_sha256(path)
+            for path in sorted(subject.made_of)
+            if path != subject.mesh
+        },
         "flip_faces": subject.flip_faces,
         "body": subject.body.relative_to(task.dataset).as_posix() if subject.body else None,
         "body_parameters": subject.body_parameters,

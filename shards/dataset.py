@@ -152,9 +152,8 @@ class DatasetWriter:
         self._failures.pop(subject, None)
 
     def fail(self, subject: str, stage: str, reason: str) -> None:
-        """Set a subject aside: what failed, and why, in one line."""
-        if subject not in self.splits:
-            raise DatasetError(f"subject {subject!r} is not planned")
+        """Set a subject aside, planned or not: what failed, and why, in one line."""
+        schema.check_subject_id(subject)
         failure = {"subject": subject, "stage": stage, "reason": reason}
         append_json_line(self.folder / FAILURES, failure)
         self._failures[subject] = failure
@@ -175,7 +174,7 @@ class DatasetWriter:
         return f"{SHARDS}/{subject}.npz"
 
     def _is_whole(self, entry: Entry) -> bool:
-        """Whether the shard, and the surface that it was made from, stand as they were entered."""
+        """Whether the shard, and all files that it was made from, stand as they were entered."""
         if entry.file != self._shard_file(entry.subject) or entry.versions != self.versions:
             return False
         path = self.shard_path(entry.subject)
@@ -187,7 +186,8 @@ class DatasetWriter:
             schema.check_meta(meta, *schema.check_arrays(shard.members))
             if meta["body"] is not None and not (self.folder / meta["body"]).is_file():
                 return False
-            return file_sha256(self.folder / meta["mesh"]) == meta["mesh_sha256"]
+            files = {meta["mesh"]: meta["mesh_sha256"], **meta.get("files", {})}
+            return all(file_sha256(self.folder / f) == sha256 for f, sha256 in files.items())
         except (OSError, ShardError, schema.SchemaError):
             return False
 

@@ -217,8 +217,10 @@ class _SubjectCheck:
         """The mesh that meta names under `key`, or None and a breach."""
         path = self.dataset.path(shard.meta[key])
         try:
-            if key == "mesh" and file_sha256(path) != shard.meta["mesh_sha256"]:
-                self.breach(f"{path} has another sha256 than meta.mesh_sha256; run the build again")
+            meta = shard.meta
+            files = {**meta.get("files", {}), meta["mesh"]: meta["mesh_sha256"]}
+            if meta[key] in files and file_sha256(path) != files[meta[key]]:
+                self.breach(f"{path} has another sha256 than meta says; run the build again")
             return Surface(path, np.array(shard.meta["mesh_to_world"], dtype=np.float64))
         except FileNotFoundError:
             self.breach(f"meta.{key}: {path} is missing; run the build again")

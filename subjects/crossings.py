@@ -6,12 +6,16 @@ through is counted exactly.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 _CHUNK = 1 << 20
 """Pairs of a line and a triangle that are looked at at once."""
+
+_ENTRIES = 1 << 24
+"""Pairs of a cell and a triangle that the grid may hold."""
 
 
 class Crossings(NamedTuple):
@@ -67,10 +71,16 @@ def _met(
     return Crossings(line[hit], face[hit], weights, z, np.where(left[hit, 0], 1, -1))
 
 
-def _candidates(xy: np.ndarray, corners: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+def _candidates(xy: np.ndarray, corners: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Pairs (line, face), in chunks: the faces whose box touches the cell that the line is in."""
-    cells = max(int(np.sqrt(len(corners))), 1)
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    boxes = corners.max(axis=1) - corners.min(axis=1)
+    cells = max(int(np.sqrt(len(corners))), 1)
+    # Large faces lie in many cells each.
+    while (
+        cells > 1 and (boxes * cells / np.maximum(high - low, 1e-12) + 1).prod(1).sum() > _ENTRIES
+    ):
+        cells //= 2
     side = np.maximum((high - low) / cells, 1e-12)
     inside = np.flatnonzero(((xy >= low) & (xy <= high)).all(axis=1))
 
@@ -89,12 +99,10 @@ def _candidates(xy: np.ndarray, corners: np.ndarray) -> list[tuple[np.ndarray, n
     column, row = cell(xy[inside]).T
     home = row * cells + column
     chunk = np.cumsum(count[home]) // _CHUNK
-    pairs = []
     for part in np.split(np.arange(len(home)), np.flatnonzero(np.diff(chunk)) + 1):
         line, step = _spread(count[home[part]])
         line = part[line]
-        pairs.append((inside[line], face[start[home[line]] + step]))
-    return pairs
+        yield inside[line], face[start[home[line]] + step]
 
 
 def _spread(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

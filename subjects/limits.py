@@ -1,4 +1,4 @@
-"""How large a surface's files may be."""
+"""How large a subject's files may be."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ VERTICES_PER_TRIANGLE = 3
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds on one mesh, each checked before the memory is taken.
+    """Bounds on one subject's files, each checked before the memory is taken.
 
     A few bytes of a file can claim any number of vertices and pixels.
     """
@@ -23,6 +23,8 @@ class Limits:
     """Most triangles of a mesh, every instance counted; it may have three times the vertices."""
     texture_megapixels: float = 270
     """Most megapixels of a mesh's textures together; 16384 x 16384 are 268.4."""
+    fit_mb: float = 512
+    """Most MB that one file of fits or estimates may hold, and may unpack to."""
 
     def __post_init__(self) -> None:
         for field in fields(self):

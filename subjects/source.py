@@ -32,6 +32,10 @@ class Source(ABC):
             MeshError: the surface cannot be used.
         """
 
+    def refused(self) -> dict[str, str]:
+        """What is no subject but looks as if it should be: id -> the reason, one line."""
+        return {}
+
     def refuse_output(self, output: Path) -> None:  # noqa: B027
         """Raise ValueError where a dataset at `output` would disturb the source."""
 

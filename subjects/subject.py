@@ -67,6 +67,12 @@ class Subject:
             return None
         return read_mesh(self.body, self.limits).transformed(self.mesh_to_world)
 
+    @property
+    def made_of(self) -> tuple[Path, ...]:
+        """All files that the subject's bytes are in."""
+        optional = (self.body, self.texture)
+        return (self.mesh, *self.files, *(path for path in optional if path is not None))
+
     def content_sha256(self) -> str:
         """The hash of what the files hold, wherever they lie and whatever they are called."""
         optional = (("body", self.body), ("texture", self.texture))

@@ -57,7 +57,7 @@ class Body:
         if self.orientation is None:
             raise MeshError(
                 "has a body that is a mesh alone, which does not say where it faces; "
-                "give its parameters too (subjects.fits.parameters), or subjects front as an axis"
+                "give its parameters too (subjects.fits.parameters), or subjects.front as an axis"
             )
         turn: np.ndarray = self._rotation @ self.orientation
         return turn
@@ -71,7 +71,7 @@ class Body:
         if self.upright is None:
             raise MeshError(
                 "has a body that is a mesh alone, which does not say which way is up; "
-                "give its parameters too (subjects.fits.parameters), or subjects up as an axis"
+                "give its parameters too (subjects.fits.parameters), or subjects.up as an axis"
             )
         direction: np.ndarray = self._rotation @ self.upright
         return direction
@@ -108,15 +108,10 @@ def yaw_of(turn: np.ndarray) -> float:
     It is the twist of the rotation about y: what is left is a lean about a horizontal axis. The
     heading of a person who bends forward or to a side is unchanged by the bend.
 
-    Raises:
-        MeshError: the rotation is a half turn about a horizontal axis; it has no yaw.
+    Args:
+        turn: not near a half turn about a horizontal axis, which has no yaw.
     """
-    x, y, z, w = Rotation.from_matrix(turn).as_quat()
-    if np.hypot(y, w) < np.hypot(x, z) * np.tan(np.radians(15)):
-        raise MeshError(
-            "its body stands on its head, so it has no front; correct subjects.up, "
-            "or give subjects.front as an axis"
-        )
+    _, y, _, w = Rotation.from_matrix(turn).as_quat()
     return float(2 * np.arctan2(y, w))
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from subjects.fits import model
 from subjects.fits.body import Body
 from subjects.fits.parameters import Parameters, parameters_from, read_values
 from subjects.fits.pattern import Place
+from subjects.fits.pickles import LARGEST_MB
 from subjects.fits.similarity import compose
 from subjects.mesh import Mesh, MeshError
 
@@ -30,6 +32,9 @@ PIXIE_SIDE, PIXIE_MARGIN = 224, 1.1
 
 STRIDE = 2
 """Every so many pixels of the picture a line of sight compares the two fronts."""
+
+SCALE_TOLERANCE = 0.01
+"""Between PyMAF-X's scales of width and height, which are one in the picture's own pixels."""
 
 LEAST_OVERLAP = 0.3
 """Share of an estimate's silhouette that has to lie on its scan; else it is another person's."""
@@ -101,10 +106,12 @@ class Estimate:
         record = {
             "model": self.estimator,
             "camera": self.camera.tolist(),
-            **self.record,
             **self.parameters.to_json(),
+            **self.record,
+            "scale": float(np.linalg.norm(to_world[:3, 0])),
         }
         to_scan = np.linalg.inv(mesh_to_world) @ to_world
+        record["body_to_scan"] = to_scan.tolist()
         return Body(self.posed.vertices, self.posed.faces, to_scan, parameters=record)
 
     def in_picture(self, picture: Picture) -> tuple[float, np.ndarray]:
@@ -119,6 +126,12 @@ class Estimate:
             # The whole picture is [-1, 1] in both directions: u = W/2 (1 + sx (x + tx)).
             half = np.array([picture.columns, picture.rows]) / 2
             scales, shift = self.camera[:2] * half, self.camera[2:]
+            if abs(scales[0] - scales[1]) > SCALE_TOLERANCE * abs(scales).max():
+                raise MeshError(
+                    f"its picture was not {picture.columns} x {picture.rows} pixels (the camera's "
+                    f"scales are {scales[0]:.1f} and {scales[1]:.1f} pixels per metre there); "
+                    "correct subjects.estimates.picture"
+                )
             return float(scales.mean()), half + scales * shift
         left, top, right, bottom = self._box(picture)
         side = int(PIXIE_MARGIN * max(right - left, bottom - top)) if self.box is not None else (
@@ -185,7 +198,9 @@ class Estimate:
         return to_world
 
 
-def read_estimate(path: Path, place: Place, models: str | None) -> Estimate:
+def read_estimate(
+    path: Path, place: Place, models: str | None, largest_mb: float = LARGEST_MB
+) -> Estimate:
     """The estimate that PIXIE's *_param.pkl or PyMAF-X's output.pkl holds of one scan's picture.
 
     PyMAF-X writes one file for a folder of pictures; the picture is found by its name, which is
@@ -195,11 +210,13 @@ def read_estimate(path: Path, place: Place, models: str | None) -> Estimate:
         path: the file.
         place: the scan.
         models: folder of SMPL-X's files; PyMAF-X's bodies take its triangles only.
+        largest_mb: most megabytes that the file may hold, and may unpack to.
 
     Raises:
         MeshError: something is missing, of another shape, or not of that picture.
     """
-    values = read_values(path)
+    status = path.stat()
+    values = _values(path, largest_mb, status.st_mtime_ns, status.st_size)
     if "body_cam" not in values and "orig_cam" not in values:
         raise MeshError(
             f"{path}: has neither PIXIE's body_cam nor PyMAF-X's orig_cam; give an estimator's "
@@ -210,24 +227,34 @@ def read_estimate(path: Path, place: Place, models: str | None) -> Estimate:
         box = None if values.get("bbox") is None else _array(values, "bbox", (4,), path)
         parameters = parameters_from(values, path)
         posed = model.posed(path, models, "neutral", parameters, flat_hand_mean=True)
-        return Estimate(path, "pixie", parameters, camera, posed, box)
-    row, name = _row(values, path, place)
-    people = len(np.atleast_2d(values["orig_cam"]))
-    vertices = _array(values, "smplx_verts", (people, model.VERTICES, 3), path)[row]
-    camera = _array(values, "orig_cam", (people, 4), path)[row]
-    parameters = parameters_from(_pymafx_parameters(values, people, row, path), path)
-    posed = model.posed(path, models, "neutral", parameters, vertices=vertices)
-    return Estimate(path, "pymafx", parameters, camera, posed, record={"person": name})
+        return Estimate(path, "pixie", parameters, camera, posed.mesh, box, posed.record)
+    cameras = _array(values, "orig_cam", (-1, 4), path)
+    row, name = _row(values, len(cameras), path, place)
+    vertices = _row_of(values, "smplx_verts", len(cameras), row, (model.VERTICES, 3), path)
+    camera = cameras[row]
+    parameters = parameters_from(_pymafx_parameters(values, len(cameras), row, path), path)
+    posed = model.posed(path, models, "neutral", parameters, True, vertices)
+    return Estimate(
+        path, "pymafx", parameters, camera, posed.mesh, record=posed.record | {"person": name}
+    )
 
 
-def _row(values: Mapping[str, Any], path: Path, place: Place) -> tuple[int, str]:
+@lru_cache(maxsize=1)
+def _values(path: Path, largest_mb: float, _changed: int, _size: int) -> Mapping[str, Any]:
+    """The values of a file, kept for the next scan: PyMAF-X's holds everybody."""
+    return read_values(path, largest_mb)
+
+
+def _row(values: Mapping[str, Any], people: int, path: Path, place: Place) -> tuple[int, str]:
     """Which person of PyMAF-X's file belongs to a scan."""
-    names = [str(name) for name in np.ravel(values.get("person_ids", []))]
-    people = len(np.atleast_2d(values["orig_cam"]))
+    given = values.get("person_ids")
+    names = [str(name) for name in given] if isinstance(given, list | tuple | np.ndarray) else []
     if len(names) != people:
         raise MeshError(f"{path}: has {people} cameras and {len(names)} person_ids; run it again")
     stems = [re.sub(r"_f\d+_p\d+$", "", name) for name in names]
-    rows = [i for i, stem in enumerate(stems) if stem in (place.id, place.name)]
+    # An id is one scan's alone; scans of several folders may share a name.
+    wanted = place.id if place.id in stems else place.name
+    rows = [i for i, stem in enumerate(stems) if stem == wanted]
     if len(rows) != 1:
         found = f"{len(rows)} people" if rows else "nobody"
         raise MeshError(
@@ -235,6 +262,22 @@ def _row(values: Mapping[str, Any], path: Path, place: Place) -> tuple[int, str]
             f"{', '.join(names[:4])}{' ...' if people > 4 else ''}); name the pictures by the scans"
         )
     return rows[0], names[rows[0]]
+
+
+def _row_of(
+    values: Mapping[str, Any],
+    name: str,
+    people: int,
+    row: int,
+    shape: tuple[int, ...],
+    path: Path,
+) -> np.ndarray:
+    """One person's part of a member, without a copy of everybody's."""
+    array = values.get(name)
+    if not isinstance(array, np.ndarray) or array.shape != (people, *shape):
+        found = np.shape(array) if isinstance(array, np.ndarray) else type(array).__name__
+        raise MeshError(f"{path}: its {name} is {found}, not {(people, *shape)}; run it again")
+    return _array({name: array[row]}, name, shape, path)
 
 
 _PYMAFX = {
@@ -258,12 +301,12 @@ def _pymafx_parameters(
         raise MeshError(f"{path}: has no list of smplx_params; run PyMAF-X's SMPL-X demo")
 
     def whole(name: str) -> np.ndarray | None:
-        parts = [np.asarray(batch[name]) for batch in batches if batch.get(name) is not None]
+        parts = [batch[name] for batch in batches if batch.get(name) is not None]
         if not parts:
             return None
         try:
-            joined = np.concatenate(parts)
-        except ValueError:
+            joined = np.concatenate([np.asarray(part, dtype=np.float64) for part in parts])
+        except (TypeError, ValueError, OverflowError):
             joined = np.zeros(0)
         if len(joined) != people:
             raise MeshError(f"{path}: its {name} is not of {people} people; run PyMAF-X again")
@@ -284,7 +327,7 @@ def _array(values: Mapping[str, Any], name: str, shape: tuple[int, ...], path: P
         if not np.isfinite(array).all():
             raise ValueError
         return array.reshape(shape)
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         due = ", ".join("any" if n < 0 else str(n) for n in shape)
         raise MeshError(
             f"{path}: its {name} is not ({due}) finite numbers; run the estimator again"

@@ -34,13 +34,16 @@ class Estimates:
                 "subjects.estimates.files, such as '{id}/{id}_param.pkl'"
             )
 
-    def read(self, place: Place, root: Path, models: str | None) -> Estimate | None:
+    def read(
+        self, place: Place, root: Path, models: str | None, largest_mb: float
+    ) -> Estimate | None:
         """The estimate of one scan; None where none are named.
 
         Args:
             place: the scan.
             root: the scans' root, for patterns without a root of their own.
             models: folder of SMPL-X's files.
+            largest_mb: most megabytes of a file.
 
         Raises:
             MeshError: there is none, or it cannot be read; names the file.
@@ -52,7 +55,12 @@ class Estimates:
         if path is None:
             missing = not_there(self.files, place, base, "subjects.estimates")
             raise MeshError(f"'{place.id}' has no estimate: {missing}")
-        return read_estimate(path, place, models)
+        return read_estimate(path, place, models, largest_mb)
+
+    @property
+    def shared(self) -> bool:
+        """Whether one file holds the estimates of several scans."""
+        return any("{" not in pattern for pattern in self.files)
 
     def base(self, root: Path) -> Path:
         """The folder that the patterns are relative to.

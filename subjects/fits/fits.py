@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Literal
 
 from subjects.fits import model
+from subjects.fits.body import surface_distance
 from subjects.fits.fit import Fit
-from subjects.fits.parameters import Parameters, read_parameters
+from subjects.fits.model import has_model
+from subjects.fits.parameters import Gender, Parameters, read_parameters
 from subjects.fits.pattern import (
     Place,
     base_folder,
@@ -26,6 +28,9 @@ from subjects.meshfile import read_mesh
 
 PCA_OF_MALE = 12
 """Hand components of the fits that were made with the male model."""
+
+LARGEST_DISAGREEMENT = 0.02
+"""Metres between a posed mesh and its parameters' body; another gender's model makes some 10 mm."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +68,9 @@ class Fits:
             )
         for key in ("parameters", "mesh"):
             for pattern in getattr(self, key):
-                check_pattern(pattern, f"subjects.fits.{key}")
+                check_pattern(pattern, f"subjects.fits.{key}", of_each=True)
         if self.similarity is not None:
-            check_pattern(self.similarity, "subjects.fits.similarity")
+            check_pattern(self.similarity, "subjects.fits.similarity", of_each=True)
             if not self.mesh:
                 raise ValueError("subjects.fits.similarity: places a posed mesh; give mesh too")
 
@@ -96,28 +101,34 @@ class Fits:
         similarity = None
         if self.similarity is not None and mesh is not None:
             similarity = base / expand(self.similarity, place)
-        smplx = None if parameters is None else read_parameters(parameters)
-        if mesh is not None:
-            posed = read_mesh(mesh, limits, Material())
-        else:
-            assert parameters is not None
-            assert smplx is not None
-            posed = self._posed(smplx, parameters, models)
         roles = {"parameters": parameters, "mesh": mesh, "similarity": similarity}
-        return Fit(
-            {role: path for role, path in roles.items() if path is not None},
-            posed,
-            smplx,
-            None if similarity is None else read_similarity(similarity),
-        )
+        files = {role: path for role, path in roles.items() if path is not None}
+        smplx, posed = None, None
+        if parameters is not None:
+            smplx = read_parameters(parameters, limits.fit_mb)
+            # A posed mesh needs no model; where there is one, the two have to agree.
+            if mesh is None or has_model(models, self._gender(smplx)):
+                posed = model.posed(
+                    parameters, models, self._gender(smplx), smplx, self.flat_hand_mean
+                )
+        record = {} if posed is None else posed.record
+        if mesh is not None:
+            body = read_mesh(mesh, limits, Material())
+            if posed is not None and smplx is not None and similarity is None:
+                record = record | _agreement(mesh, body, posed.mesh, smplx)
+        else:
+            assert posed is not None
+            body = posed.mesh
+        placed = None if similarity is None else read_similarity(similarity)
+        return Fit(files, body, smplx, record, placed)
 
-    def _posed(self, parameters: Parameters, path: Path, models: str | None) -> Mesh:
-        """SMPL-X's body of the parameters in `path`."""
-        gender = parameters.gender or self.gender
-        if gender == "auto":
-            male = parameters.left_hand_pose.shape == (PCA_OF_MALE,)
-            gender = "male" if male else "neutral"
-        return model.posed(path, models, gender, parameters, self.flat_hand_mean)
+    def _gender(self, parameters: Parameters) -> Gender:
+        """The model that `parameters` are of."""
+        if parameters.gender is not None:
+            return parameters.gender
+        if self.gender != "auto":
+            return self.gender
+        return "male" if parameters.left_hand_pose.shape == (PCA_OF_MALE,) else "neutral"
 
     def strays(self, places: Iterable[Place], root: Path) -> dict[str, Path]:
         """What a fit without a scan calls its scan -> the fit's file; none where they are ignored.
@@ -145,3 +156,24 @@ class Fits:
             ValueError: it is no folder.
         """
         return base_folder(self.root, root, "subjects.fits.root")
+
+
+def _agreement(path: Path, mesh: Mesh, posed: Mesh, parameters: Parameters) -> dict[str, float]:
+    """How far a posed mesh is from its parameters' body; MeshError where that is too far.
+
+    Args:
+        path: of the mesh, for messages.
+        mesh: in the scan's coordinates.
+        posed: by `parameters`, metres.
+        parameters: with the scale and translation that put the one upon the other.
+    """
+    scale = parameters.scale or 1.0
+    own = Mesh((mesh.vertices - parameters.translation) / scale, mesh.faces)
+    apart = surface_distance(own, posed)
+    if apart > LARGEST_DISAGREEMENT:
+        raise MeshError(
+            f"{path}: is {1000 * apart:.0f} mm from the body of its parameters (scale "
+            f"{scale:g}); they are of different people or releases: take both from one, or give "
+            "subjects.fits.gender if that is wrong"
+        )
+    return {"mesh_to_parameters_mm": round(1000 * apart, 2)}

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -69,6 +72,28 @@ def find_model(folder: str | None, gender: Gender) -> Path:
     )
 
 
+def has_model(folder: str | None, gender: Gender) -> bool:
+    """Whether `find_model` finds one, and the package to pose it is installed."""
+    try:
+        find_model(folder, gender)
+    except MeshError:
+        return False
+    return find_spec("smplx") is not None
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """A body of SMPL-X.
+
+    Attributes:
+        mesh: 10475 vertices, metres, and 20908 faces.
+        record: what it was made with, JSON-ready: gender, hands, the model's file and checksum.
+    """
+
+    mesh: Mesh
+    record: dict[str, Any]
+
+
 def posed(
     fit: Path,
     folder: str | None,
@@ -76,7 +101,7 @@ def posed(
     parameters: Parameters,
     flat_hand_mean: bool = False,
     vertices: np.ndarray | None = None,
-) -> Mesh:
+) -> Posed:
     """SMPL-X's body of the parameters in a file.
 
     Args:
@@ -84,17 +109,26 @@ def posed(
         folder: of the model's files.
         gender: of the model.
         parameters: in `fit`.
-        flat_hand_mean: as of `pose`.
+        flat_hand_mean: of parameters that do not say it.
         vertices: (10475, 3) metres where they are known and the model gives the faces alone.
 
     Raises:
-        MeshError: as of `find_model` and `pose`, or `vertices` are not the model's.
+        MeshError: as of `find_model` and `pose`.
     """
     try:
         path = find_model(folder, gender)
+        if parameters.flat_hand_mean is not None:
+            flat_hand_mean = parameters.flat_hand_mean
         if vertices is None:
             vertices = pose(path, parameters, flat_hand_mean)
-        return Mesh(vertices, faces(path))
+        shape = _shape(path)
+        record = {
+            "gender": gender,
+            "flat_hand_mean": flat_hand_mean,
+            "model_file": path.name,
+            "model_sha256": shape.sha256,
+        }
+        return Posed(Mesh(vertices, shape.faces), record)
     except MeshError as error:
         raise MeshError(f"{fit}: {error}") from None
 
@@ -105,7 +139,7 @@ def pose(model: Path, parameters: Parameters, flat_hand_mean: bool) -> np.ndarra
     Args:
         model: SMPLX_*.npz or .pkl.
         parameters: their translation and scale play no part, their transl does.
-        flat_hand_mean: as `Parameters.flat_hand_mean`, for parameters that do not say it.
+        flat_hand_mean: as `Parameters.flat_hand_mean`, which plays no part.
 
     Raises:
         MeshError: the model cannot be read, or has not as many components as the parameters.
@@ -114,14 +148,13 @@ def pose(model: Path, parameters: Parameters, flat_hand_mean: bool) -> np.ndarra
         raise MeshError("needs the package smplx to be posed; install it: pip install smplx")
     import torch
 
-    flat = parameters.flat_hand_mean
     left, right = parameters.left_hand_pose, parameters.right_hand_pose
     # One layout for both hands: components only where both have as many.
     components = len(left) if left.ndim == right.ndim == 1 and len(left) == len(right) else None
     body = _layer(
         model,
         components,
-        flat_hand_mean if flat is None else flat,
+        flat_hand_mean,
         len(parameters.betas),
         len(parameters.expression),
     )
@@ -148,25 +181,35 @@ def pose(model: Path, parameters: Parameters, flat_hand_mean: bool) -> np.ndarra
     return vertices.astype(np.float64)
 
 
-def faces(model: Path) -> np.ndarray:
-    """(20908, 3) int32 triangles of the model.
-
-    Raises:
-        MeshError: the model cannot be read.
-    """
-    return _read(model)["f"].astype(np.int32)
-
-
 def _axis_angles(model: Path, name: str, hand: np.ndarray) -> np.ndarray:
     """(15, 3) of a hand that may be given by components."""
     if hand.ndim == 2:
         return hand
-    space: np.ndarray = _read(model)[f"hands_components{name[0]}"]
-    turned: np.ndarray = hand @ space[: len(hand)]
+    turned: np.ndarray = hand @ _shape(model).hands[name[0]][: len(hand)]
     return turned.reshape(-1, 3)
 
 
-@lru_cache(maxsize=2)
+class _Shape(NamedTuple):
+    """The small part of a model, which is kept.
+
+    faces: (20908, 3) int32. hands: side "l" or "r" -> (45, 45) components.
+    """
+
+    faces: np.ndarray
+    hands: dict[str, np.ndarray]
+    sha256: str
+
+
+@lru_cache(maxsize=6)
+def _shape(model: Path) -> _Shape:
+    members = _read(model)
+    with model.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    hands = {side: np.array(members[f"hands_components{side}"]) for side in "lr"}
+    return _Shape(members["f"].astype(np.int32), hands, sha256)
+
+
+@lru_cache(maxsize=4)
 def _layer(
     model: Path, components: int | None, flat_hand_mean: bool, betas: int, expressions: int
 ) -> smplx.SMPLX:
@@ -199,14 +242,12 @@ def _layer(
         )
 
 
-@lru_cache(maxsize=1)
 def _read(model: Path) -> dict[str, np.ndarray]:
     """The arrays of a model file that posing needs, checked."""
-    found: dict[str, Any]
-    if model.suffix == ".npz":
-        found = dict(read_npz(model))
-    else:
-        found = read_pickle(model, LARGEST_MODEL_MB)
+    is_npz = model.suffix == ".npz"
+    found: Any = (read_npz if is_npz else read_pickle)(model, LARGEST_MODEL_MB)
+    if not isinstance(found, Mapping):
+        raise MeshError(f"{model}: holds no members by name, so it is no SMPL-X model")
     members = {}
     for name, shape in _SHAPES.items():
         if name not in found:
@@ -214,7 +255,7 @@ def _read(model: Path) -> dict[str, np.ndarray]:
                 f"{model}: has no member '{name}', so it is no SMPL-X model; copy it "
                 f"again from {SOURCE}"
             )
-        array = np.asarray(found[name])
+        array = found[name] if isinstance(found[name], np.ndarray) else np.zeros(0)
         fits = array.ndim == len(shape) and all(
             due in (None, size) for due, size in zip(shape, array.shape, strict=True)
         )

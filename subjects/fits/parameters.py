@@ -11,18 +11,19 @@ from typing import Any, Literal, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from subjects.fits.pickles import read_npy, read_npz, read_pickle
+from subjects.fits.pickles import LARGEST_MB, read_npy, read_npz, read_pickle
 from subjects.mesh import MeshError
 
 Gender = Literal["neutral", "female", "male"]
 
 BODY_JOINTS, HAND_JOINTS = 21, 15
 
-LARGEST_JSON_MB = 64
-
 _UP = np.array([0.0, 1.0, 0.0])
 _SPINE, _LEGS = (2, 5, 8), ((0, 3), (1, 4))
 """Rows of `body_pose`: the spine's joints from below, and each leg's hip and knee."""
+
+LARGEST_TURN = 4 * np.pi
+"""Radians that a joint may turn; optimisers may go round once, degrees are more."""
 
 ROTATION_TOLERANCE = 1e-2
 """On R^T R = 1 of rotation matrices; networks give theirs in single precision."""
@@ -98,9 +99,9 @@ class Parameters:
 
     @property
     def upright(self) -> np.ndarray:
-        """(3,) unit direction from the feet to the head: what trunk, thighs and shins agree on.
+        """(3,) unit direction from the feet to the head: the mean of trunk, thighs and shins.
 
-        It leans less than any one of them when a person bows, crouches or sits.
+        A trunk that bows, or thighs that sit, alone tilt it by no more than 27 degrees.
         """
         body = Rotation.from_rotvec(self.body_pose)
         pelvis = Rotation.from_rotvec(self.global_orient)
@@ -124,21 +125,25 @@ class Parameters:
         }
 
 
-def read_values(path: Path) -> Mapping[str, Any]:
+def read_values(path: Path, largest_mb: float = LARGEST_MB) -> Mapping[str, Any]:
     """The named values of a .pkl, .npz, .npy or .json file.
+
+    Args:
+        path: the file.
+        largest_mb: most megabytes that it may hold, and may unpack to.
 
     Raises:
         MeshError: the file cannot be read, or holds no named values.
     """
     kind = path.suffix.lower()
     if kind == ".npz":
-        values: Any = read_npz(path)
+        values: Any = read_npz(path, largest_mb)
     elif kind == ".npy":
-        values = read_npy(path)
+        values = read_npy(path, largest_mb)
     elif kind == ".json":
-        values = _read_json(path)
+        values = _read_json(path, largest_mb)
     elif kind in (".pkl", ".pickle", ".pt", ".pth"):
-        values = read_pickle(path)
+        values = read_pickle(path, largest_mb)
     else:
         raise MeshError(
             f"{path}: '{path.suffix}' is no known format of parameters; "
@@ -156,13 +161,13 @@ def read_values(path: Path) -> Mapping[str, Any]:
     return values
 
 
-def read_parameters(path: Path) -> Parameters:
+def read_parameters(path: Path, largest_mb: float = LARGEST_MB) -> Parameters:
     """The SMPL-X parameters of one person that `path` holds, of whatever schema.
 
     Raises:
         MeshError: as `read_values` and `parameters_from`.
     """
-    return parameters_from(read_values(path), path)
+    return parameters_from(read_values(path, largest_mb), path)
 
 
 def parameters_from(values: Mapping[str, Any], path: Path) -> Parameters:
@@ -250,7 +255,7 @@ def _flat(value: Any, name: str) -> np.ndarray:
     """(N,) float64 of any numeric value."""
     try:
         flat = np.asarray(value, dtype=np.float64).ravel()
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise _WrongError(f"has a {name} that is no array of numbers; export it again") from None
     if not np.isfinite(flat).all():
         raise _WrongError(f"has a {name} that is NaN or infinite; fit the body again")
@@ -287,14 +292,17 @@ def _joints(value: Any, name: str, joints: int) -> np.ndarray:
     flat = _flat(value, name)
     shape = np.shape(value)
     if len(flat) == 3 * joints:
-        return flat.reshape(joints, 3)
+        turns = flat.reshape(joints, 3)
+        if np.linalg.norm(turns, axis=1).max() > LARGEST_TURN:
+            raise _WrongError(f"has a {name} of many turns, as if in degrees; give radians")
+        return turns
     if len(flat) == 9 * joints and _is_matrices(value):
         matrices = flat.reshape(joints, 3, 3)
         off = np.abs(matrices.transpose(0, 2, 1) @ matrices - np.eye(3)).max()
         if off > ROTATION_TOLERANCE or (np.linalg.det(matrices) < 0).any():
             raise _WrongError(f"has a {name} whose matrices are no rotations; export it again")
-        turns: np.ndarray = Rotation.from_matrix(matrices).as_rotvec()
-        return turns
+        from_matrices: np.ndarray = Rotation.from_matrix(matrices).as_rotvec()
+        return from_matrices
     hint = _several(shape)
     if name == "body_pose" and len(flat) == 32:
         hint = ": it is a code of VPoser; decode it into 21 joints first"
@@ -328,8 +336,9 @@ def _several(shape: tuple[int, ...]) -> str:
 def _gender(value: Any) -> Gender | None:
     if value is None:
         return None
-    value = np.asarray(value).ravel()
-    text = value[0] if len(value) == 1 else ""
+    while isinstance(value, np.ndarray | list | tuple) and np.size(np.asarray(value, object)) == 1:
+        value = np.asarray(value, object).ravel()[0]
+    text = value if isinstance(value, str | bytes) else type(value).__name__
     text = text.decode("ascii", errors="replace") if isinstance(text, bytes) else str(text)
     for gender in get_args(Gender):
         if text.strip().lower() == gender:
@@ -341,10 +350,10 @@ def _flag(value: Any) -> bool | None:
     return None if value is None else bool(_flat(value, "flat_hand_mean").all())
 
 
-def _read_json(path: Path) -> Any:
+def _read_json(path: Path, largest_mb: float) -> Any:
     try:
-        if path.stat().st_size > LARGEST_JSON_MB * 1e6:
-            raise MeshError(f"{path}: is larger than {LARGEST_JSON_MB} MB; no person's parameters")
+        if path.stat().st_size > largest_mb * 2**20:
+            raise MeshError(f"{path}: holds over {largest_mb:g} MB; raise subjects.limits.fit_mb")
         return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise MeshError(f"{path}: cannot be opened ({error.strerror}); check its rights") from None

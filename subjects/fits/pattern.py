@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -26,14 +27,29 @@ class Place:
 FIELDS = ("id", "folder", "name")
 
 
-def check_pattern(pattern: str, key: str) -> None:
-    """ValueError where `pattern`, of the setting `key`, leaves its root or names unknown fields."""
-    parts = PurePosixPath(pattern)
-    if not parts.parts or parts.is_absolute() or ".." in parts.parts or "\\" in pattern:
+def check_pattern(pattern: str, key: str, *, of_each: bool = False) -> None:
+    """ValueError where a pattern leaves its root or cannot be what it should.
+
+    Args:
+        pattern: of the setting `key`.
+        key: for the message.
+        of_each: whether it has to tell scans apart; else one file may serve all.
+    """
+    # A scan in the root itself has an empty folder.
+    filled = (expand(pattern, Place("a", folder, "a")) for folder in ("", "a"))
+    climbs = any(".." in PurePosixPath(path).parts for path in filled)
+    if not pattern.strip("/") or pattern.startswith("/") or climbs or "\\" in pattern:
         raise ValueError(
             f"{key}: '{pattern}' does not stay below its root; give one like '{{folder}}/fit.pkl'"
         )
     unknown = set(re.findall(r"{(.*?)}", pattern)) - set(FIELDS)
+    if of_each and not re.search(r"{\w+}", pattern):
+        raise ValueError(
+            f"{key}: '{pattern}' is one file for all scans; use {{folder}}, {{name}} or {{id}} of "
+            "the scan in it"
+        )
+    if re.search(r"\*\*[^/]|[^/]\*\*", pattern):
+        raise ValueError(f"{key}: '{pattern}' has ** beside letters; give * there")
     if unknown:
         raise ValueError(
             f"{key}: '{pattern}' names {', '.join(sorted(unknown))}; "
@@ -53,7 +69,8 @@ def matching(pattern: str, root: Path) -> Iterator[tuple[Path, str]]:
 
     Hidden files and folders are left out, as they are among scans.
     """
-    anything = re.sub(r"{\w+}", "*", pattern)
+    parts = re.split(r"{\w+}", pattern)
+    anything = "*".join(glob.escape(part) for part in parts)
     deep = "{folder}" in pattern
     for path in sorted(root.glob(f"**/{anything}" if deep else anything)):
         below = path.relative_to(root)

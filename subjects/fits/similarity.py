@@ -38,7 +38,7 @@ def read_similarity(path: Path) -> np.ndarray:
                 _array(values.get("rotation", np.eye(3)), (3, 3)),
                 _array(values.get("translation", np.zeros(3)), (3,)),
             )
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise MeshError(f"{path}: {error}; give a scale, a 3x3 rotation, a translation") from None
     gram = matrix[:3, :3].T @ matrix[:3, :3]
     square = np.trace(gram) / 3

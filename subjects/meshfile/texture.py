@@ -41,7 +41,8 @@ def read_texture(path: Path, limits: Limits) -> np.ndarray:
     """
     try:
         with images_bounded(limits):
-            return decode_texture(path.read_bytes(), path.name, Folder(path.parent, limits))
+            folder = Folder(path.parent, limits)
+            return decode_texture(folder.read(path), path.name, folder)
     except OSError as error:
         raise MeshError(f"{path}: cannot be opened ({error.strerror}); check its rights") from None
     except MeshError as error:

@@ -51,5 +51,5 @@ def check_winding(mesh: Mesh, *, flip_faces: bool = False) -> None:
     if np.mean(uses == 1) < OPEN_EDGES and volume < 0:
         raise MeshError(
             f"inside out (its signed volume is {volume:.3g}); "
-            f"set subjects flip_faces: {str(not flip_faces).lower()}"
+            f"set subjects.flip_faces: {str(not flip_faces).lower()}"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 from subjects.fits.pattern import Place
@@ -13,32 +14,38 @@ BODY = "body.obj"
 """The file beside a scan that holds its parametric body, in letters of either case."""
 
 
-def find_scans(root: Path, pattern: str) -> dict[str, Path]:
-    """Id -> file of every scan below `root` that `pattern` names.
+def scans_below(root: Path, pattern: str) -> Iterator[tuple[str, Path]]:
+    """Id and file of every scan below `root` that `pattern` names, by path.
 
     "0525/0525.obj" is "0525", "a/b.glb" is "a_b". Hidden files, `body.obj` and files with "smplx"
     in their name are no scans.
+    """
+    for path in sorted(root.glob(pattern)):
+        below = path.relative_to(root)
+        if _is_scan(path) and not any(part.startswith(".") for part in below.parts):
+            yield scan_id(below), path
+
+
+def find_scans(root: Path, pattern: str) -> dict[str, Path]:
+    """Id -> file of every scan, as `scans_below` finds them.
 
     Raises:
         ValueError: `root` holds no scan, or two scans get the same id.
     """
     paths: dict[str, Path] = {}
-    for path in sorted(root.glob(pattern)):
-        below = path.relative_to(root)
-        if not _is_scan(path) or any(part.startswith(".") for part in below.parts):
-            continue
-        name = scan_id(below)
+    for name, path in scans_below(root, pattern):
         if name in paths:
             raise ValueError(
-                f"subjects root: '{paths[name]}' and '{path}' have the same id '{name}'; "
-                "rename one or narrow subjects pattern"
+                f"subjects.root: '{paths[name]}' and '{path}' have the same id '{name}'; "
+                "rename one or narrow subjects.pattern"
             )
         paths[name] = path
     if not paths:
-        raise ValueError(
-            f"subjects root: '{root}' holds no scan that matches '{pattern}'; "
-            f"give a folder with {', '.join(EXTENSIONS)} files"
-        )
+        deeper = next((path for _, path in scans_below(root, f"**/{pattern}")), None)
+        told = f"give the folder that it starts from, with {', '.join(EXTENSIONS)} files"
+        if deeper is not None:
+            told = f"'{deeper}' would, from a folder further down: give that"
+        raise ValueError(f"subjects.root: '{root}' holds no scan that matches '{pattern}'; {told}")
     return paths
 
 

@@ -31,8 +31,8 @@ WIDEST = 2.5
 UPRIGHT = 0.7
 """Cosine between a body's upright and an axis from which on the axis is up."""
 
-FALLEN = -0.5
-"""Cosine between up and a pelvis's own up below which the fit stands on its head."""
+LYING = 0.2
+"""Cosine between up and a body's upright below which another axis is up."""
 
 
 @dataclass(frozen=True)
@@ -54,23 +54,23 @@ class Placement:
         for name in ("up", "front"):
             if getattr(self, name) not in (*AXES, "body"):
                 raise ValueError(
-                    f"subjects {name}: '{getattr(self, name)}' is no axis; "
+                    f"subjects.{name}: '{getattr(self, name)}' is no axis; "
                     f"give one of {', '.join(AXES)}, body"
                 )
         if self.up == "body" and self.front != "body":
             raise ValueError(
-                "subjects up: body may be any axis, so no axis is sure to be the front; "
+                "subjects.up: body may be any axis, so no axis is sure to be the front; "
                 "give front: body too"
             )
         if "body" not in (self.up, self.front) and self.up[-1] == self.front[-1]:
             raise ValueError(
-                f"subjects front: '{self.front}' is parallel to up: '{self.up}'; "
+                f"subjects.front: '{self.front}' is parallel to up: '{self.up}'; "
                 "give the axis that the person faces"
             )
         known = (*METRES, "body")
         if not (self.unit in known if isinstance(self.unit, str) else 0 < self.unit < np.inf):
             raise ValueError(
-                f"subjects unit: '{self.unit}' is no length; "
+                f"subjects.unit: '{self.unit}' is no length; "
                 f"give one of {', '.join(known)} or the unit's metres"
             )
 
@@ -99,15 +99,15 @@ class Placement:
         lowest, highest = placed.min(axis=0), placed.max(axis=0)
         height = highest[1] - lowest[1]
         if not HEIGHTS[0] <= height <= HEIGHTS[1]:
-            raise MeshError(
-                f"is {height:.4g} m high, no person's height; "
-                f"correct subjects unit: {self.unit} (or up: {self.up})"
-            )
+            told = f"correct subjects.unit: {self.unit} (or up: {self.up})"
+            if self.unit == "body":
+                told = f"correct the scale of its fit, 1 m to {units:.4g} (or up: {self.up})"
+            raise MeshError(f"is {height:.4g} m high, no person's height; {told}")
         span = float((highest - lowest)[[0, 2]].max())
         if span > WIDEST * height:
             raise MeshError(
                 f"is {height:.2f} m high and {span:.2f} m across: it seems to lie; "
-                f"correct subjects up: {self.up}"
+                f"correct subjects.up: {self.up}"
             )
         middle = (lowest + highest) / 2
         mesh_to_world[:3, 3] = -middle[0], -lowest[1], -middle[2]
@@ -122,38 +122,37 @@ class Placement:
 
     def _axes(self, body: Body | None) -> np.ndarray:
         """(3, 3) whose rows are the world's axes in the file's coordinates."""
-        up = AXES[self.up] if self.up != "body" else _nearest_axis(_known(body).upright_in_scan())
+        up = _nearest_axis(_known(body)) if self.up == "body" else AXES[self.up]
+        if body is not None and body.upright is not None and up @ body.upright_in_scan() < LYING:
+            raise MeshError(
+                f"has a body that lies or stands on its head where subjects.up is {self.up}; "
+                "correct up, or the fit, which may be in an image's coordinates (y down)"
+            )
         if self.front != "body":
             front = AXES[self.front]
             return np.stack([np.cross(up, front), up, front])
         # Any axis may stand for the front at first: the body's yaw in that frame is undone.
         front = np.roll(up, 1)
         axes = np.stack([np.cross(up, front), up, front])
-        turn = axes @ _known(body).orientation_in_scan()
-        if turn[1, 1] < FALLEN:
-            raise MeshError(
-                f"has a body that stands on its head where subjects up is {self.up}; correct up "
-                "or the fit, which may be in an image's coordinates (y down)"
-            )
-        cos, sin = np.cos(yaw_of(turn)), np.sin(yaw_of(turn))
+        yaw = yaw_of(axes @ _known(body).orientation_in_scan())
+        cos, sin = np.cos(yaw), np.sin(yaw)
         back = np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
         undone: np.ndarray = back @ axes
         return undone
 
 
-def _nearest_axis(direction: np.ndarray) -> np.ndarray:
-    """(3,) the file's axis nearest to a unit direction."""
+def _nearest_axis(body: Body) -> np.ndarray:
+    """(3,) the file's axis nearest to a body's upright."""
+    direction = body.upright_in_scan()
     axis = max(AXES.values(), key=lambda axis: float(axis @ direction))
     if axis @ direction < UPRIGHT:
         raise MeshError(
-            "has a body that leans too far to say which axis is up; give subjects up as an axis"
+            "has a body that leans too far to say which axis is up; give subjects.up as an axis"
         )
     return axis
 
 
 def _known(body: Body | None) -> Body:
-    if body is None:
-        raise MeshError(
-            "has no fitted body to say how it stands; subjects up, front and unit have to say it"
-        )
+    # A source that leaves up, front or unit to bodies has one for every scan.
+    assert body is not None
     return body

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.util import find_spec
@@ -20,7 +21,15 @@ from subjects.limits import Limits
 from subjects.mesh import Material, Mesh, MeshError
 from subjects.meshfile import check_winding, read_mesh, read_mesh_and_files, read_texture
 from subjects.scans.agreement import check_size, distances
-from subjects.scans.folder import BODY, find_scans, is_body, linked, place_of, scan_id
+from subjects.scans.folder import (
+    BODY,
+    find_scans,
+    is_body,
+    linked,
+    place_of,
+    scan_id,
+    scans_below,
+)
 from subjects.scans.placement import Axis, Placement, Unit
 from subjects.source import Source
 from subjects.subject import Subject
@@ -31,6 +40,10 @@ BODY_DECIMALS = 9
 
 ESTIMATED = "estimated.obj"
 """The file of the estimated body, beside that of the exact one where there is one."""
+
+
+RESERVED = ("body.obj", "estimate", "fit_", "subject.json", "cost.json")
+"""What the names of files begin with that are made in a subject's folder."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +73,7 @@ class Scans(Source):
     """Take only this many, the first by id."""
     texture: str | None = None
     """The image that covers each scan, in place of its own materials: a pattern as in `fits`, below
-    `root`, in which * stands for anything, such as {folder}/tex/*_dif*.jpg; the first by name."""
+    `root`, in which * stands for anything, such as {folder}/tex/*_dif*.jpg; the largest file."""
     flip_faces: bool = False
     """Turn all faces round, for scans whose faces look inwards."""
     licence: str = "unknown (not redistributable)"
@@ -83,46 +96,63 @@ class Scans(Source):
         if self._placement.asks_body and not self.fits.named:
             key = next(key for key in ("up", "front", "unit") if getattr(self, key) == "body")
             raise ValueError(
-                f"subjects {key}: body asks for subjects.fits; say where the bodies lie, "
+                f"subjects.{key}: body asks for subjects.fits; say where the bodies lie, "
                 f"or give {key} itself"
             )
         if self.limit is not None and self.limit < 1:
-            raise ValueError(f"subjects limit: {self.limit} leaves no scan; give 1 or more")
+            raise ValueError(f"subjects.limit: {self.limit} leaves no scan; give 1 or more")
         for key in ("max_scan_to_body", "max_body_to_scan"):
             if not getattr(self, key) > 0:
-                raise ValueError(f"subjects {key}: {getattr(self, key)} m; give metres above 0")
+                raise ValueError(f"subjects.{key}: {getattr(self, key)} m; give metres above 0")
         if self.texture is not None:
-            check_pattern(self.texture, "subjects texture")
+            check_pattern(self.texture, "subjects.texture")
         pattern = PurePosixPath(self.pattern)
         if not pattern.parts or pattern.is_absolute() or ".." in pattern.parts:
             raise ValueError(
-                f"subjects pattern: '{self.pattern}' does not stay below root; "
+                f"subjects.pattern: '{self.pattern}' does not stay below root; "
                 "give one like '**/*.obj'"
             )
 
     @property
     def packages(self) -> tuple[str, ...]:
         """As `Source.packages`."""
-        posing = ("smplx", "torch") if self.fits.parameters and find_spec("smplx") else ()
+        poses = bool(self.fits.parameters or self.estimates.files) and self.models is not None
+        posing = ("smplx", "torch") if poses and find_spec("smplx") is not None else ()
         return ("libigl", "pillow", "scipy", *posing)
 
     def ids(self) -> list[str]:
         """The subjects' ids, sorted: each scan's path below `root` in letters that files allow.
 
-        A fit whose scan is missing has an id too, so that it is set aside with a reason.
-
         Raises:
             ValueError: `root` holds no scans, or two of them get the same id.
         """
-        return sorted([*sorted(self._paths)[: self.limit], *self._strays])
+        return sorted(self._paths)[: self.limit]
+
+    def refused(self) -> dict[str, str]:
+        """As `Source.refused`: the fits whose scan is missing, where no `limit` narrows the set."""
+        if self.limit is not None:
+            return {}
+        # Scans that `pattern` leaves out are there all the same.
+        scans = scans_below(self._root, "**/*")
+        places = [place_of(name, path, self._root) for name, path in scans]
+        strays = self.fits.strays(places, self._root)
+        return {
+            scan_id(Path(f"{name}.fit")): f"{path}: is a fit without a scan in '{self._root}'; put "
+            "the scan there or take the fit away, or set subjects.fits.unmatched: ignored"
+            for name, path in strays.items()
+        }
 
     def refuse_output(self, output: Path) -> None:
         """As `Source.refuse_output`: links below `root` would be scans of the next build."""
-        bases = (self.fits.base(self._root), self.estimates.base(self._root))
-        for root in (self._root, *bases):
+        roots = {
+            "subjects.root": self._root,
+            "subjects.fits.root": self.fits.base(self._root),
+            "subjects.estimates.root": self.estimates.base(self._root),
+        }
+        for key, root in roots.items():
             if output.resolve().is_relative_to(root.resolve()):
                 raise ValueError(
-                    f"'{output}' lies inside subjects root '{root}'; "
+                    f"'{output}' lies inside {key} '{root}'; "
                     "put the dataset beside the scans, not among them"
                 )
 
@@ -139,13 +169,8 @@ class Scans(Source):
             MeshError: the scan or its body cannot be read, the scan's faces do not look outwards,
                 it is no person's height, or the body is not of its size or not within it.
         """
-        if subject in self._strays:
-            raise MeshError(
-                f"{self._strays[subject]}: is a fit without a scan in '{self.root}'; "
-                "put the scan there or take the fit away"
-            )
         if subject not in self._paths:
-            raise ValueError(f"subjects root: '{self.root}' has no scan '{subject}'; see its ids")
+            raise ValueError(f"subjects.root: '{self.root}' has no scan '{subject}'; see its ids")
         path = self._paths[subject]
         place = place_of(subject, path, self._root)
         texture = self._texture(place, path)
@@ -153,7 +178,7 @@ class Scans(Source):
         mesh, named = read_mesh_and_files(path, self.limits, cover)
         # What is wrong with the files of a fit or an estimate names those; the rest is the scan's.
         fit = self._fit(place, path)
-        estimate = self.estimates.read(place, self._root, self.models)
+        estimate = self.estimates.read(place, self._root, self.models, self.limits.fit_mb)
         try:
             check_winding(mesh, flip_faces=self.flip_faces)
             body = None if fit is None else fit.body(self._placement.units_per_metre)
@@ -165,32 +190,38 @@ class Scans(Source):
             if estimate is not None:
                 level = _middle_height(mesh_to_world, mesh, body)
                 guess = estimate.body(self.estimates.picture, level, mesh, mesh_to_world)
+                check_size(mesh, guess, mesh_to_world, f"'{estimate.file}'")
                 apart = distances(mesh, guess, mesh_to_world)
                 record = guess.parameters | apart | ({"fit": record} if record else {})
         except MeshError as error:
             raise MeshError(f"{path}: {error}") from None
 
-        files = [linked(path.parent / name, folder / name) for name in named]
-        sources = {} if fit is None else {f"fit_{k}": file for k, file in fit.files.items()}
-        sources |= {} if estimate is None else {"estimate": estimate.file}
-        for name, file in sources.items():
-            files.append(linked(file, folder / f"{name}{file.suffix.lower()}"))
+        sources = {path.name: path, **{str(name): path.parent / name for name in named}}
+        if texture is not None:
+            sources[texture.name] = texture
+        _refuse_reserved(path, sources)
+        if fit is not None:
+            sources |= {f"fit_{k}{file.suffix.lower()}": file for k, file in fit.files.items()}
+        if estimate is not None and not self.estimates.shared:
+            sources[f"estimate{estimate.file.suffix.lower()}"] = estimate.file
+        links = {file: linked(file, folder / name) for name, file in sources.items()}
         bodies = [
             _write(each, folder / name)
             for name, each in ((BODY, body), (ESTIMATED, guess))
             if each is not None
         ]
-        files += bodies[:-1]
+        surface = (path, *(() if texture is None else (texture,)))
+        files = [link for file, link in links.items() if file not in surface] + bodies[:-1]
         return Subject(
             id=subject,
             source="scans",
             licence=self.licence,
-            mesh=linked(path, folder / path.name),
+            mesh=links[path],
             mesh_to_world=mesh_to_world,
             flip_faces=self.flip_faces,
             body=bodies[-1] if bodies else None,
             body_parameters=record,
-            texture=None if texture is None else linked(texture, folder / texture.name),
+            texture=None if texture is None else links[texture],
             files=tuple(files),
             limits=self.limits,
         )
@@ -201,16 +232,18 @@ class Scans(Source):
             return None
         pattern = expand(self.texture, place, glob.escape)
         found = sorted(file for file in self._root.glob(pattern) if file.is_file())
-        if not found:
+        largest = max(found, key=lambda file: file.stat().st_size, default=None)
+        if largest is None:
             raise MeshError(
                 f"{path}: has no texture '{pattern}' in '{self._root}'; put it there or correct "
-                "subjects texture"
+                "subjects.texture"
             )
-        return found[0]
+        return largest
 
     def _fit(self, place: Place, path: Path) -> Fit | None:
         """The fit of the scan at `path`, or None where it has none and needs none."""
         if self.fits.named:
+            self._refuse_shared(place, path)
             return self.fits.read(place, self._root, self.limits, self.models)
         bodies = [file for file in sorted(path.parent.iterdir()) if is_body(file)]
         if not bodies:
@@ -225,6 +258,27 @@ class Scans(Source):
             )
         return Fit({"mesh": body}, read_mesh(body, self.limits, Material()))
 
+    def _refuse_shared(self, place: Place, path: Path) -> None:
+        """MeshError where two scans have one fit: one of them is no scan."""
+        for pattern in (*self.fits.parameters, *self.fits.mesh):
+            others = self._expanded.get(expand(pattern, place), [])
+            if len(others) > 1:
+                other = next(name for name in others if name != place.id)
+                raise MeshError(
+                    f"{path}: has the same fit as '{other}' ({expand(pattern, place)}); take the "
+                    "one that is no scan away, or narrow subjects.pattern"
+                )
+
+    @cached_property
+    def _expanded(self) -> dict[str, list[str]]:
+        """Path of a fit -> the ids of the scans that it would be of."""
+        found: dict[str, list[str]] = {}
+        for name, path in self._paths.items():
+            place = place_of(name, path, self._root)
+            for pattern in {*self.fits.parameters, *self.fits.mesh}:
+                found.setdefault(expand(pattern, place), []).append(name)
+        return found
+
     def _checked(
         self, mesh: Mesh, body: Body, fit: Fit, mesh_to_world: np.ndarray
     ) -> dict[str, Any]:
@@ -235,7 +289,7 @@ class Scans(Source):
             body: of the scan, by `fit`.
             mesh_to_world: (4, 4) from the scan's coordinates.
         """
-        check_size(mesh, body, mesh_to_world, f"'{fit.name}', by subjects unit: {self.unit},")
+        check_size(mesh, body, mesh_to_world, f"'{fit.name}', by subjects.unit: {self.unit},")
         apart = distances(mesh, body, mesh_to_world)
         for key, millimetres in apart.items():
             setting = f"max_{key.removesuffix('_mm')}"
@@ -244,7 +298,7 @@ class Scans(Source):
                 raise MeshError(
                     f"is off its body '{fit.name}': {key.removesuffix('_mm').replace('_', ' ')} "
                     f"{millimetres:.1f} mm in the mean, where {most:.1f} mm are allowed; correct "
-                    f"the fit, or raise subjects {setting} where it is right"
+                    f"the fit, or raise subjects.{setting} where it is right"
                 )
         return body.parameters | apart
 
@@ -252,7 +306,7 @@ class Scans(Source):
     def _root(self) -> Path:
         root = Path(self.root).expanduser()
         if not root.is_dir():
-            raise ValueError(f"subjects root: '{root}' is no folder; give the scans' folder")
+            raise ValueError(f"subjects.root: '{root}' is no folder; give the scans' folder")
         return root
 
     @cached_property
@@ -263,16 +317,6 @@ class Scans(Source):
     def _paths(self) -> dict[str, Path]:
         return find_scans(self._root, self.pattern)
 
-    @cached_property
-    def _strays(self) -> dict[str, Path]:
-        """Id -> file of every fit without a scan."""
-        if self.limit is not None:
-            return {}  # a look at some; what has no scan says nothing of them
-        places = [place_of(name, path, self._root) for name, path in self._paths.items()]
-        strays = self.fits.strays(places, self._root)
-        named = {scan_id(Path(f"{name}.fit")): path for name, path in strays.items()}
-        return {name: path for name, path in named.items() if name not in self._paths}
-
 
 def _middle_height(mesh_to_world: np.ndarray, mesh: Mesh, body: Body | None) -> float:
     """The height half way between the lowest and the highest vertex of a scan and its body."""
@@ -281,8 +325,19 @@ def _middle_height(mesh_to_world: np.ndarray, mesh: Mesh, body: Body | None) -> 
     return float(min(heights) + max(heights)) / 2
 
 
+def _refuse_reserved(path: Path, names: Iterable[str]) -> None:
+    """MeshError where a scan brings a file of a name that the subject's folder gives its own."""
+    for name in names:
+        if name.lower().startswith(RESERVED):
+            raise MeshError(
+                f"{path}: has a file '{name}', a name that is taken in the subject's folder; "
+                "rename it, and in the mesh where it is named"
+            )
+
+
 def _write(body: Body, path: Path) -> Path:
     """`path`, with the body in its scan's coordinates."""
     placed = body.in_scan()
+    path.unlink(missing_ok=True)  # never through a link
     write_mesh(path, placed.vertices, placed.faces, BODY_DECIMALS)
     return path

@@ -1,6 +1,7 @@
 """The dataset's folder: made, interrupted, taken up again, refused, read."""
 
 import contextlib
+import hashlib
 import json
 import multiprocessing
 import signal
@@ -203,6 +204,24 @@ def test_a_shard_whose_surface_was_edited_is_made_again(whole, open_writer, arra
     assert open_writer().finished == {"c"}
 
 
+@pytest.mark.parametrize("edit", ["changed", "missing"])
+def test_a_shard_one_of_whose_files_was_edited_is_made_again(
+    whole, open_writer, arrays, meta, add, edit
+):
+    """A texture, say, or the fit of a body."""
+    fit = whole / "subjects" / "fit.json"
+    fit.write_text("{}")
+    meta["files"] = {"subjects/fit.json": hashlib.sha256(b"{}").hexdigest()}
+    writer = open_writer()
+    add(writer, "c")
+    assert open_writer().finished == {*SUBJECTS}
+    if edit == "changed":
+        fit.write_text("{ }")
+    else:
+        fit.unlink()
+    assert open_writer().finished == {*SUBJECTS} - {"c"}
+
+
 def test_a_shard_that_breaks_the_contract_is_made_again(whole, open_writer, arrays, meta):
     path = whole / "shards" / "a.npz"
     np.savez(path, **arrays, meta=np.array(json.dumps({**meta, "mesh": "../box.obj"})))
@@ -372,7 +391,6 @@ def test_failures_are_listed_and_cleared_when_tried_again(folder, open_writer, a
 def test_only_planned_subjects_with_good_names(folder, open_writer):
     writer = open_writer(folder)
     for call in (
-        lambda: writer.fail("z", "render", "x"),
         lambda: writer.shard_path("z"),
         lambda: writer.add("z", 1, "", 1.0, ""),
     ):

@@ -58,6 +58,8 @@ def test_unknown_members_and_wrong_byte_order_are_refused(arrays):
         ("mesh", "subjects/../../x.obj", "meta.mesh"),
         ("body", "..", "meta.body"),
         ("mesh_sha256", "abc", "not 64 hex digits"),
+        ("files", {"subjects/a.mtl": "abc"}, "not 64 hex digits"),
+        ("files", {"../a.mtl": "0" * 64}, "no posix path"),
         ("mesh_to_world", [[1, 0], [0, 1]], "no 4x4 list"),
         ("mesh_to_world", np.diag([1, 2, 1, 1]).tolist(), "no similarity"),
         ("mesh_to_world", np.diag([1, 1, -1, 1]).tolist(), "no similarity"),

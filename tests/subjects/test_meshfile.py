@@ -1141,9 +1141,11 @@ class TestWinding:
         check_winding(self.mesh().flipped(), flip_faces=True)
 
     def test_inside_out(self) -> None:
-        with pytest.raises(MeshError, match=r"signed volume is -4.* set subjects flip_faces: true"):
+        with pytest.raises(
+            MeshError, match=r"signed volume is -4.* set subjects\.flip_faces: true"
+        ):
             check_winding(self.mesh().flipped())
-        with pytest.raises(MeshError, match="set subjects flip_faces: false"):
+        with pytest.raises(MeshError, match=r"set subjects\.flip_faces: false"):
             check_winding(self.mesh(), flip_faces=True)
 
     def test_share_of_turned_faces(self) -> None:

@@ -14,6 +14,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from subjects.fits.fits import Fits
 from subjects.limits import Limits
 from subjects.mesh import Mesh, MeshError
 from subjects.scans import Scans
@@ -96,11 +97,17 @@ class TestIds:
     def test_root_that_is_missing_or_empty(self, tmp_path: Path) -> None:
         with pytest.raises(ValueError, match="is no folder") as error:
             scans(tmp_path / "none").ids()
-        one_line(error, "subjects root", tmp_path / "none", "give the scans' folder")
+        one_line(error, "subjects.root", tmp_path / "none", "give the scans' folder")
         (tmp_path / "body.obj").touch()
         with pytest.raises(ValueError, match="holds no scan") as error:
             scans(tmp_path).ids()
-        one_line(error, "subjects root", tmp_path, ".obj")
+        one_line(error, "subjects.root", tmp_path, ".obj")
+
+    def test_root_that_is_a_folder_too_far_up(self, tmp_path: Path) -> None:
+        export(person(), tmp_path / "Release" / "0000" / "0000.obj")
+        with pytest.raises(ValueError, match="holds no scan that matches") as error:
+            scans(tmp_path, pattern="[0-9]*/*.obj").ids()
+        one_line(error, tmp_path / "Release" / "0000" / "0000.obj", "give that")
 
     def test_unknown_subject(self, tmp_path: Path) -> None:
         export(person(), tmp_path / "a.ply")
@@ -112,22 +119,22 @@ class TestConfiguration:
     @pytest.mark.parametrize(
         ("changes", "key"),
         [
-            ({"up": "w"}, "subjects up"),
-            ({"front": "y"}, "subjects front"),
-            ({"front": "-y"}, "subjects front"),
-            ({"unit": "km"}, "subjects unit"),
-            ({"unit": 0.0}, "subjects unit"),
-            ({"unit": float("nan")}, "subjects unit"),
-            ({"limit": 0}, "subjects limit"),
-            ({"max_scan_to_body": 0.0}, "subjects max_scan_to_body"),
-            ({"max_body_to_scan": -1.0}, "subjects max_body_to_scan"),
-            ({"unit": "body"}, "subjects unit"),
-            ({"front": "body"}, "subjects front"),
-            ({"up": "body"}, "subjects up"),
-            ({"up": "body", "front": "body"}, "subjects up"),
-            ({"pattern": "../*"}, "subjects pattern"),
-            ({"pattern": "/*"}, "subjects pattern"),
-            ({"pattern": ""}, "subjects pattern"),
+            ({"up": "w"}, "subjects.up"),
+            ({"front": "y"}, "subjects.front"),
+            ({"front": "-y"}, "subjects.front"),
+            ({"unit": "km"}, "subjects.unit"),
+            ({"unit": 0.0}, "subjects.unit"),
+            ({"unit": float("nan")}, "subjects.unit"),
+            ({"limit": 0}, "subjects.limit"),
+            ({"max_scan_to_body": 0.0}, "subjects.max_scan_to_body"),
+            ({"max_body_to_scan": -1.0}, "subjects.max_body_to_scan"),
+            ({"unit": "body"}, "subjects.unit"),
+            ({"front": "body"}, "subjects.front"),
+            ({"up": "body"}, "subjects.up"),
+            ({"up": "body", "front": "body"}, "subjects.up"),
+            ({"pattern": "../*"}, "subjects.pattern"),
+            ({"pattern": "/*"}, "subjects.pattern"),
+            ({"pattern": ""}, "subjects.pattern"),
         ],
     )
     def test_wrong_values(self, tmp_path: Path, changes: dict, key: str) -> None:
@@ -194,14 +201,14 @@ class TestPlacement:
         path = export(mesh, tmp_path / "p.ply")
         with pytest.raises(MeshError) as error:
             scans(tmp_path).make("p", 0, tmp_path / "out")
-        one_line(error, path, "it seems to lie", "correct subjects up: y")
+        one_line(error, path, "it seems to lie", "correct subjects.up: y")
 
     @pytest.mark.parametrize(("unit", "height"), [("cm", "0.018 m"), (100.0, "180 m")])
     def test_wrong_unit(self, tmp_path: Path, unit: Any, height: str) -> None:
         path = export(person(), tmp_path / "p.ply")
         with pytest.raises(MeshError) as error:
             scans(tmp_path, unit=unit).make("p", 0, tmp_path / "out")
-        one_line(error, path, height, f"correct subjects unit: {unit}")
+        one_line(error, path, height, f"correct subjects.unit: {unit}")
 
 
 class TestMake:
@@ -300,7 +307,7 @@ class TestMake:
             return
         with pytest.raises(MeshError) as error:
             source.make("a", 0, tmp_path / "out")
-        one_line(error, path, fault, *heights, "subjects unit: cm", "export it in the scan's")
+        one_line(error, path, fault, *heights, "subjects.unit: cm", "export it in the scan's")
         assert not (tmp_path / "out").exists()
 
     def test_body_that_is_too_far_off(self, tmp_path: Path) -> None:
@@ -315,7 +322,7 @@ class TestMake:
             tight = wide | {f"max_{key}": found / 1000 - 1e-3}
             with pytest.raises(MeshError) as error:
                 scans(tmp_path / "in", **tight).make("a", 0, tmp_path / "out")
-            one_line(error, path, f"{key.replace('_', ' ')} ", f"raise subjects max_{key}")
+            one_line(error, path, f"{key.replace('_', ' ')} ", f"raise subjects.max_{key}")
 
     def test_two_bodies(self, tmp_path: Path) -> None:
         for name in ("a.ply", "body.obj", "Body.OBJ"):
@@ -343,7 +350,7 @@ class TestMake:
         path = export(mesh, tmp_path / "a.ply")
         with pytest.raises(MeshError) as error:
             scans(tmp_path).make("a", 0, tmp_path / "out")
-        one_line(error, path, "inside out", "set subjects flip_faces: true")
+        one_line(error, path, "inside out", "set subjects.flip_faces: true")
 
         surface = scans(tmp_path, flip_faces=True).make("a", 0, tmp_path / "out").surface()
         assert trimesh.Trimesh(surface.vertices, surface.faces, process=False).volume > 0
@@ -438,7 +445,9 @@ class TestTexture:
         return scan
 
     def test_covers_the_scan(self, tmp_path: Path) -> None:
-        self.folder(tmp_path / "in")
+        """The largest of several sizes."""
+        scan = self.folder(tmp_path / "in")
+        Image.new("RGB", (1, 1), (1, 1, 1)).save(scan.parent / "tex" / "a_dif_2k.png")
         source = scans(tmp_path / "in", texture="{folder}/tex/*_dif*.png")
         subject = source.make("rp_a_OBJ", 0, tmp_path / "data" / "subjects" / "a")
         assert subject.texture == tmp_path / "data" / "subjects" / "a" / "a_dif_8k.png"
@@ -464,14 +473,14 @@ class TestTexture:
         source = scans(tmp_path / "in", texture="{folder}/tex/{name}.jpg")
         with pytest.raises(MeshError) as error:
             source.make("rp_a_OBJ", 0, tmp_path / "out")
-        one_line(error, path, "rp_a_OBJ/tex/rp_a_OBJ.jpg", "subjects texture")
+        one_line(error, path, "rp_a_OBJ/tex/rp_a_OBJ.jpg", "subjects.texture")
         (path.parent / "tex" / "rp_a_OBJ.jpg").write_bytes(b"no image")
         with pytest.raises(MeshError) as error:
             source.make("rp_a_OBJ", 0, tmp_path / "out")
         one_line(error, "rp_a_OBJ.jpg", "no readable image")
 
     def test_stays_below_the_root(self, tmp_path: Path) -> None:
-        with pytest.raises(ValueError, match=r"^subjects texture: "):
+        with pytest.raises(ValueError, match=r"^subjects\.texture: "):
             scans(tmp_path, texture="../{name}.jpg")
 
     def test_a_folder_with_brackets(self, tmp_path: Path) -> None:
@@ -479,6 +488,36 @@ class TestTexture:
         Image.new("RGB", (1, 1), (5, 5, 5)).save(scan.parent / "dif.png")
         source = scans(tmp_path / "in", texture="{folder}/dif*.png")
         assert source.make("a_1_", 0, tmp_path / "out").texture == tmp_path / "out" / "dif.png"
+
+
+class TestNames:
+    """A subject's folder has files of its own beside the scan's."""
+
+    @pytest.mark.parametrize("name", ["body.obj", "Body.obj", "fit_mesh.obj", "cost.json"])
+    def test_a_scan_may_not_bring_one_of_them(self, tmp_path: Path, name: str) -> None:
+        scan = textured(tmp_path / "in" / "a")
+        (scan.parent / "material0.mtl").rename(scan.parent / name)
+        scan.write_text(scan.read_text().replace("material0.mtl", name))
+        kept = (scan.parent / name).read_bytes()
+        with pytest.raises(MeshError) as error:
+            scans(tmp_path / "in", fits=Fits(mesh=["{name}.ply"])).make("a", 0, tmp_path / "out")
+        assert "has no fit" in str(error.value)
+        export(person(), tmp_path / "in" / "a.ply")
+        source = scans(tmp_path / "in", pattern="a/*", fits=Fits(mesh=["{name}.ply"]))
+        with pytest.raises(MeshError) as error:
+            source.make("a", 0, tmp_path / "out")
+        one_line(error, scan, f"'{name}'", "rename it")
+        assert (scan.parent / name).read_bytes() == kept
+
+    def test_a_body_is_never_written_through_a_link(self, tmp_path: Path) -> None:
+        export(person(), tmp_path / "in" / "a" / "a.ply")
+        path = export(person(1.75), tmp_path / "in" / "a" / "body.obj")
+        kept = path.read_bytes()
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "body.obj").symlink_to(path)
+        scans(tmp_path / "in").make("a", 0, tmp_path / "out")
+        assert path.read_bytes() == kept
+        assert not (tmp_path / "out" / "body.obj").is_symlink()
 
 
 class TestLimits:

@@ -49,7 +49,7 @@ class Budget:
         if count > self.bytes_left:
             raise MeshError(
                 "holds or unpacks to more than it may; "
-                "split it, or raise largest_mb if you trust it"
+                "split it, or raise subjects.limits.fit_mb if you trust it"
             )
 
     def spend(self, count: int) -> None:

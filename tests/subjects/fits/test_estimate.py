@@ -120,6 +120,15 @@ class TestCamera:
         v = 212 * (1 + camera[1] * (0.2 - 0.3))
         np.testing.assert_allclose(origin + scale * np.array([0.5, 0.2]), [u, v])
 
+    def test_pymafx_of_another_picture(self) -> None:
+        """It was given the picture padded to a square."""
+        values = {"betas": np.zeros(10), "body_pose": np.zeros(63)}
+        camera = np.array([0.5, 0.5, 0.0, 0.0])
+        estimate = Estimate(HERE, "pymafx", parameters_from(values, HERE), camera, NOBODY)
+        with pytest.raises(MeshError, match=r"correct subjects\.estimates\.picture"):
+            estimate.in_picture(PICTURE)
+        assert estimate.in_picture(Picture(rows=512))[0] == pytest.approx(128)
+
 
 class TestPlacement:
     def made(
@@ -283,6 +292,27 @@ class TestPlacement:
         assert subject.body_parameters["model"] == "pixie"
         assert subject.body_parameters["fit"]["model"] == "mesh"
 
+    @pytest.mark.parametrize("size", [0.4, 1.6])
+    def test_of_another_size(
+        self, fit: Any, neutral: Path, open_human: Path, tmp_path: Path, size: float
+    ) -> None:
+        """The picture's pixels were not what the settings say."""
+        (tmp_path / "fits").mkdir()
+        values = pixie_values(fit, (1.0, 0.0, 0.0), np.array([100, 5, 420, 410]))
+        own = pose(neutral / "SMPLX_NEUTRAL.npz", parameters_from(values, HERE), False)
+        bounds = np.array(read_mesh(open_human / "open_0000.obj").bounds)
+        true = fit.body.vertices @ turned(-127).T - bounds.mean(axis=0)
+        scale, shift = least_squares(own, in_pixels(true * size))
+        side = int(1.1 * 405)
+        per = 112 * side / 223
+        corner = np.array([520, 415]) / 2 - side / 2 + 0.5
+        values["body_cam"] = np.array([scale / per, *((shift - corner) / per - 1) / scale * per])
+        (tmp_path / "fits" / "0525_param.pkl").write_bytes(pickle.dumps(values, protocol=2))
+        with pytest.raises(
+            MeshError, match=r"estimate.*another size|_param\.pkl' is of another size"
+        ):
+            self.made(open_human, tmp_path, {"files": ["{folder}_param.pkl"]}, neutral)
+
     def test_far_from_its_scan(
         self, fit: Any, neutral: Path, open_human: Path, tmp_path: Path
     ) -> None:
@@ -308,7 +338,11 @@ class TestFiles:
         return read_estimate(path, PLACE, str(models))
 
     def test_the_person_of_a_picture(self, tmp_path: Path, neutral: Path) -> None:
-        assert self.read(tmp_path, neutral).record == {"person": "0525_f0_p0"}
+        """By the id, which is one scan's alone, before the name."""
+        names = ["scan_f0_p0", "0525_f1_p0"]
+        found = self.read(tmp_path, neutral, person_ids=names)
+        assert found.record["person"] == "0525_f1_p0"
+        assert found.record["model_file"] == "SMPLX_NEUTRAL.npz"
 
     @pytest.mark.parametrize(
         ("changes", "said"),
@@ -316,8 +350,11 @@ class TestFiles:
             ({"person_ids": ["a_f0_p0", "b_f1_p0"]}, "has nobody of a picture called '0525'"),
             ({"person_ids": ["0525_f0_p0", "0525_f0_p1"]}, "has 2 people of a picture"),
             ({"person_ids": ["0525_f0_p0"]}, "2 cameras and 1 person_ids"),
-            ({"smplx_verts": np.zeros((3, 10475, 3))}, "smplx_verts is not"),
-            ({"smplx_verts": np.zeros((2, 6890, 3))}, "smplx_verts is not"),
+            ({"person_ids": None}, "2 cameras and 0 person_ids"),
+            ({"orig_cam": [[1, 2], [3]]}, "orig_cam is not"),
+            ({"smplx_params": [{"body_pose": [[1, 2], [3]]}]}, "not of 2 people"),
+            ({"smplx_verts": np.zeros((3, 10475, 3))}, "smplx_verts is"),
+            ({"smplx_verts": np.zeros((2, 6890, 3))}, r"smplx_verts is \(2, 6890, 3\)"),
             ({"smplx_params": None}, "no list of smplx_params"),
             ({"smplx_params": [{"body_pose": np.zeros((1, 24, 3, 3))}]}, "not of 2 people"),
             ({"smplx_params": [{}]}, "lack body_pose"),
@@ -341,8 +378,8 @@ class TestFiles:
     def test_no_estimate_of_a_scan(self, tmp_path: Path) -> None:
         estimates = Estimates(files=["{id}/{id}_param.pkl"], root=str(tmp_path))
         with pytest.raises(MeshError, match=r"'0525' has no estimate: '0525/0525_param\.pkl' is"):
-            estimates.read(PLACE, tmp_path, None)
-        assert Estimates().read(PLACE, tmp_path, None) is None
+            estimates.read(PLACE, tmp_path, None, 1)
+        assert Estimates().read(PLACE, tmp_path, None, 1) is None
 
     def test_wrong_settings(self) -> None:
         with pytest.raises(ValueError, match=r"^subjects\.estimates\.root: "):

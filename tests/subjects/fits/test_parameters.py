@@ -192,6 +192,9 @@ class TestWrong:
             ({"betas": {"a": 1}}, "betas that is no array"),
             ({"expression": [[1], [2, 3]]}, "expression that is no array"),
             ({"gender": "robot"}, "gender 'robot'"),
+            ({"gender": [["male"], ["female", "x"]]}, "gender 'list'"),
+            ({"global_orient": np.array([[0.0, 137.0, 0.0]])}, "as if in degrees"),
+            ({"scale": 10**400}, "scale that is no array"),
         ],
     )
     def test_is_said_in_one_line(self, changes: dict[str, Any], said: str) -> None:

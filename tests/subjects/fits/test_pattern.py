@@ -52,6 +52,10 @@ class TestPattern:
         (tmp_path / "a" / "b.pkl").touch()
         assert list(matching("{id}/{id}.pkl", tmp_path)) == []
 
+    def test_letters_that_glob_knows(self, tmp_path: Path) -> None:
+        (tmp_path / "a[1].pkl").touch()
+        assert [name for _, name in matching("{name}[1].pkl", tmp_path)] == ["a"]
+
     def test_deep_folders(self, tmp_path: Path) -> None:
         (tmp_path / "x" / "y").mkdir(parents=True)
         (tmp_path / "x" / "y" / "fit.pkl").touch()
@@ -69,6 +73,9 @@ class TestPattern:
             ({"mesh": ["{id}.obj"], "similarity": "../x.json"}, "subjects.fits.similarity"),
             ({"parameters": ["{id}.pkl"], "similarity": "{id}.json"}, "subjects.fits.similarity"),
             ({"root": "fits"}, "subjects.fits"),
+            ({"mesh": ["{folder}../{name}.obj"]}, "subjects.fits.mesh"),
+            ({"mesh": ["{folder}/**body.obj"]}, "subjects.fits.mesh"),
+            ({"parameters": ["fits/all.pkl"]}, "subjects.fits.parameters"),
         ],
     )
     def test_wrong_ones(self, given: dict[str, Any], key: str) -> None:
@@ -104,6 +111,7 @@ class TestSimilarity:
             {"rotation": np.diag([1, 1, 2]).tolist()},
             {"rotation": [[1, 0], [0, 1]]},
             {"translation": [1, 2]},
+            {"scale": 10**400},
             {"translation": [1, 2, None]},
             {"matrix": np.eye(3).tolist()},
             {"matrix": [*np.eye(4)[:3].tolist(), [0, 0, 1, 1]]},

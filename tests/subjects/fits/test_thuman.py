@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from trimesh.caching import tracked_array
 
 from shards.dataset import Dataset
+from subjects.fits.body import Body
 from subjects.fits.fits import Fits
 from subjects.mesh import MeshError
 from subjects.meshfile import read_mesh
@@ -144,6 +145,11 @@ class TestPlacement:
         record = json.loads(json.dumps(made.body_parameters))
         assert record["model"] == "smplx"
         assert record["scale"] == pytest.approx(SCALE)
+        assert record["gender"] == "male"
+        assert record["flat_hand_mean"] is False
+        assert record["model_file"] == "SMPLX_MALE.npz"
+        assert len(record["model_sha256"]) == 64
+        np.testing.assert_allclose(np.array(record["body_to_scan"])[:3, 3], SHIFT)
         np.testing.assert_allclose(record["translation"], SHIFT)
         np.testing.assert_allclose(np.ravel(record["body_pose"]), fit.values["body_pose"][0])
         assert 5 < record["scan_to_body_mm"] < 35
@@ -200,8 +206,60 @@ class TestPlacement:
         assert made.body_parameters["scan_to_body_mm"] < 20
         surface, truth = made.surface(), read_mesh(open_human / "open_0000.obj")
         np.testing.assert_allclose(np.ptp(surface.bounds, 0), np.ptp(truth.bounds, 0), atol=1e-5)
-        with pytest.raises(MeshError, match=r"without a scale; give the scans' subjects unit"):
+        with pytest.raises(MeshError, match=r"without a scale; give the scans' subjects\.unit"):
             source(tmp_path, models).make("a", 0, tmp_path / "out")
+
+    def test_a_unit_that_contradicts_the_fit(
+        self, thuman: Path, models: Path, tmp_path: Path
+    ) -> None:
+        """Metres were 1, the fit says 0.4335: people of 0.75 m."""
+        with pytest.raises(MeshError, match=r"scale of 0\.4335 .* give subjects\.unit: body"):
+            source(thuman, models, unit="m").make("0000", 0, tmp_path)
+
+    @pytest.mark.parametrize("up", ["z", "-z", "x", "-y"])
+    def test_an_axis_that_is_not_up(
+        self, thuman: Path, models: Path, tmp_path: Path, up: str
+    ) -> None:
+        with pytest.raises(
+            MeshError, match=rf"lies or stands on its head .* subjects\.up is {up};"
+        ):
+            source(thuman, models, up=up).make("0000", 0, tmp_path)
+
+    def test_a_mesh_alone_has_no_scale(self, thuman: Path, tmp_path: Path) -> None:
+        shutil.copytree(thuman, tmp_path / "in")
+        (tmp_path / "in" / "smplx" / "0001" / "smplx_param.pkl").unlink()
+        with pytest.raises(MeshError, match=r"mesh_smplx\.obj' without a scale"):
+            source(tmp_path / "in", None, front="z").make("0001", 0, tmp_path / "out")
+
+    @pytest.mark.parametrize(
+        "changes",
+        [
+            {"scale": np.array(1.25 * SCALE)},
+            {"global_orient": np.array([[0.0, 0.3, 0.0]])},
+            {"body_pose": np.zeros((1, 63))},
+        ],
+    )
+    def test_a_posed_mesh_and_parameters_of_others(
+        self, thuman: Path, models: Path, tmp_path: Path, fit: Any, changes: dict[str, Any]
+    ) -> None:
+        root = tmp_path / "in"
+        shutil.copytree(thuman, root)
+        good = source(root, models).make("0001", 0, tmp_path / "out")
+        assert good.body_parameters["mesh_to_parameters_mm"] < 0.01
+        write_fit(root / "smplx" / "0001" / "smplx_param.pkl", parameters(fit, **changes))
+        with pytest.raises(MeshError, match=r"mesh_smplx\.obj: is \d+ mm from the body of its par"):
+            source(root, models).make("0001", 0, tmp_path / "out")
+
+    def test_two_scans_with_one_fit(self, thuman: Path, models: Path, tmp_path: Path) -> None:
+        """Another OBJ lies in a scan's folder."""
+        root = tmp_path / "in"
+        shutil.copytree(thuman, root)
+        shutil.copy(root / "scans" / "0000" / "0000.obj", root / "scans" / "0000" / "other.obj")
+        found = source(root, models, pattern="*/*.obj")
+        assert found.ids() == ["0000", "0000_other", "0001"]
+        for name in ("0000", "0000_other"):
+            with pytest.raises(MeshError, match=r"has the same fit as '0000.*subjects\.pattern"):
+                found.make(name, 0, tmp_path / "out")
 
     def test_a_fit_that_went_wrong_is_set_aside(
         self, thuman: Path, models: Path, tmp_path: Path, fit: Any
@@ -293,11 +351,12 @@ def built(
     bad("0010", values=parameters(fit, translation=SHIFT + np.array([0, 0, 0.1])))
     data, truth = root / "data", root / "truth"
     views = ("--views.yaw_deg", "[0, -25]", "--cycles.samples", 2, "--jobs", 1)
-    result = run(
+    call = (
         "build", "--config", ROOT / "configs" / "thuman2.yaml", "--output", data, *views,
         "--subjects.root", scans, "--subjects.fits.root", smplx,
         "--subjects.models", models, "--subjects.pattern", "[0-9]*/*",
     )  # fmt: skip
+    result = run(*call)
     plain = root / "plain"
     shutil.copytree(open_human, plain / "0000", ignore=shutil.ignore_patterns("param*"))
     direct = run(
@@ -305,7 +364,14 @@ def built(
         "--subjects.root", plain,
     )  # fmt: skip
     assert direct.returncode == 0, direct.stderr
-    return {"result": result, "data": data, "truth": truth, "ran": ran}
+    made = {"call": call, "smplx": smplx, "result": result}
+    return made | {"data": data, "truth": truth, "ran": ran}
+
+
+def checksums(dataset: Path) -> dict[str, str]:
+    """Subject to the checksum that the manifest states."""
+    lines = (dataset / "manifest.jsonl").read_text().splitlines()
+    return {entry["subject"]: entry["sha256"] for entry in map(json.loads, lines)}
 
 
 class TestBuild:
@@ -332,6 +398,20 @@ class TestBuild:
             off = np.abs(shard[name] - truth[name])[body]
             assert np.median(off) < 1e-3
             assert np.percentile(off, 95) < 5e-3
+        # The body itself gives the maps that were rendered of it.
+        camera = shard.meta["camera"]
+        file = built["data"] / shard.meta["body"]
+        placed = read_mesh(file).transformed(np.array(shard.meta["mesh_to_world"]))
+        i, j = np.mgrid[: camera["size"][0], : camera["size"][1]]
+        xy = np.stack([j + 0.5 - j.shape[1] / 2, i.shape[0] / 2 - i - 0.5], axis=-1)
+        maps = Body(placed.vertices, placed.faces).depth_maps(
+            xy * camera["pixel_size"], np.linalg.inv(shard["camera_to_world"][1])
+        )
+        for name, own in zip(("body_depth_front", "body_depth_back"), maps, strict=True):
+            rendered = shard[name][1]
+            assert ((own > 0) != (rendered > 0)).sum() <= 2
+            both_seen = (own > 0) & (rendered > 0)
+            assert np.abs(own - rendered)[both_seen].max() < 1e-4
         # How far the clothes lie before the body is known, and found again.
         known = np.median((truth["body_depth_front"] - truth["depth_front"])[body & both])
         found = np.median((shard["body_depth_front"] - shard["depth_front"])[body & both])
@@ -371,6 +451,28 @@ class TestBuild:
             assert part in reason
         assert "Traceback" not in built["result"].stderr
 
+    def test_splits_are_of_scans_alone(self, built: dict[str, Any]) -> None:
+        dataset = Dataset(built["data"])
+        assert "0005" not in {*dataset.subjects("train"), *dataset.subjects("test")}
+        assert "1 set aside beforehand" in built["result"].stderr
+        assert "9 set aside" in built["result"].stdout
+
+    def test_an_edited_fit_makes_the_subject_again(self, built: dict[str, Any], fit: Any) -> None:
+        """Built once more it stays; with another fit it is made anew."""
+        again = run(*built["call"])
+        assert "0 made now" in again.stdout
+        before = checksums(built["data"])
+        values = parameters(fit, translation=SHIFT + np.array([0.002, 0, 0]))
+        write_fit(built["smplx"] / "0000" / "smplx_param.pkl", values)
+        edited = run(*built["call"])
+        assert "1 made now" in edited.stdout
+        after = checksums(built["data"])
+        assert after["0000"] != before["0000"]
+        assert after["0001"] == before["0001"]
+        write_fit(built["smplx"] / "0000" / "smplx_param.pkl", parameters(fit))
+        assert run(*built["call"]).returncode == 1
+        assert checksums(built["data"]) == before
+
     def test_nothing_was_run(self, built: dict[str, Any]) -> None:
         assert not built["ran"].exists()
 
@@ -389,18 +491,24 @@ class TestPart:
         shutil.rmtree(tmp_path / "in" / "scans" / "0000")
         return tmp_path / "in"
 
-    def test_they_are_set_aside(self, part: Path) -> None:
+    def test_they_are_refused_and_no_subjects(self, part: Path) -> None:
+        """So they have no say in which scans are for testing."""
         found = source(part, None)
-        assert found.ids() == ["0000", "0001"]
-        with pytest.raises(MeshError, match=r"0000/smplx_param\.pkl: is a fit without a scan"):
-            found.make("0000", 0, part.parent / "out")
+        assert found.ids() == ["0001"]
+        (reason,) = found.refused().values()
+        assert list(found.refused()) == ["0000"]
+        assert "0000/smplx_param.pkl: is a fit without a scan" in reason
+        assert "subjects.fits.unmatched: ignored" in reason
 
     def test_they_may_be_ignored(self, part: Path) -> None:
         kept = source(part, None)
         ignoring = dataclasses.replace(
             kept, fits=dataclasses.replace(kept.fits, unmatched="ignored")
         )
-        assert ignoring.ids() == ["0001"]
+        assert ignoring.refused() == {}
+
+    def test_a_scan_that_the_pattern_leaves_out_is_there(self, thuman: Path) -> None:
+        assert source(thuman, None, pattern="0001/*.obj").refused() == {}
 
     def test_a_look_at_the_first_few_is_of_scans(self, part: Path) -> None:
-        assert source(part, None, limit=1).ids() == ["0001"]
+        assert source(part, None, limit=1).refused() == {}
