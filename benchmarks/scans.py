@@ -51,6 +51,7 @@ def write_set(root: Path, count: int) -> Scans:
         up="y",
         front="body",
         unit="body",
+        max_body_to_scan=0.05,  # the tube has no lids, its body has
         fits=Fits(
             root=str(root / "smplx"),
             mesh=["{folder}/mesh_smplx.obj"],
