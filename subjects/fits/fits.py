@@ -79,7 +79,14 @@ class Fits:
         """Whether any files are named."""
         return bool(self.parameters or self.mesh)
 
-    def read(self, place: Place, root: Path, limits: Limits, models: str | None) -> Fit:
+    def read(
+        self,
+        place: Place,
+        root: Path,
+        limits: Limits,
+        models: str | None,
+        units_per_metre: float | None = None,
+    ) -> Fit:
         """The fit of one scan, posed.
 
         Args:
@@ -87,6 +94,7 @@ class Fits:
             root: the scans' root, for patterns without a root of their own.
             limits: of a posed mesh's file.
             models: folder of SMPL-X's files.
+            units_per_metre: the scan's, where it is stated.
 
         Raises:
             MeshError: there is no fit, or a file cannot be read; names the file.
@@ -115,7 +123,8 @@ class Fits:
         if mesh is not None:
             body = read_mesh(mesh, limits, Material())
             if posed is not None and smplx is not None and similarity is None:
-                record = record | _agreement(mesh, body, posed.mesh, smplx)
+                scale = smplx.scale or units_per_metre or 1.0
+                record = record | _agreement(mesh, body, posed.mesh, smplx, scale)
         else:
             assert posed is not None
             body = posed.mesh
@@ -158,16 +167,18 @@ class Fits:
         return base_folder(self.root, root, "subjects.fits.root")
 
 
-def _agreement(path: Path, mesh: Mesh, posed: Mesh, parameters: Parameters) -> dict[str, float]:
+def _agreement(
+    path: Path, mesh: Mesh, posed: Mesh, parameters: Parameters, scale: float
+) -> dict[str, float]:
     """How far a posed mesh is from its parameters' body; MeshError where that is too far.
 
     Args:
         path: of the mesh, for messages.
         mesh: in the scan's coordinates.
         posed: by `parameters`, metres.
-        parameters: with the scale and translation that put the one upon the other.
+        parameters: with the translation that puts the one upon the other.
+        scale: of the scan's units to the metre.
     """
-    scale = parameters.scale or 1.0
     own = Mesh((mesh.vertices - parameters.translation) / scale, mesh.faces)
     apart = surface_distance(own, posed)
     if apart > LARGEST_DISAGREEMENT:

@@ -244,7 +244,8 @@ class Scans(Source):
         """The fit of the scan at `path`, or None where it has none and needs none."""
         if self.fits.named:
             self._refuse_shared(place, path)
-            return self.fits.read(place, self._root, self.limits, self.models)
+            units = self._placement.units_per_metre
+            return self.fits.read(place, self._root, self.limits, self.models, units)
         bodies = [file for file in sorted(path.parent.iterdir()) if is_body(file)]
         if not bodies:
             return None

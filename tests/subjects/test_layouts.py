@@ -6,6 +6,8 @@ import json
 import pickle  # noqa: TID251 - written here, read only by the code under test
 import re
 import shlex
+import shutil
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +17,7 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
-from jsonargparse import ArgumentParser
+from jsonargparse import ArgumentError, ArgumentParser
 from PIL import Image
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -26,6 +28,7 @@ from shards.dataset import DatasetWriter
 from shards.licences import is_redistributable
 from subjects.mesh import MeshError
 from subjects.scans import Scans
+from subjects.scans.folder import scan_id
 from subjects.subject import Subject
 from tests.shards.conftest import CONFIG, closed_form_arrays, closed_form_meta
 
@@ -81,9 +84,9 @@ def write_obj(path: Path, matrix: np.ndarray, inset: float = 0.0, mtl: str | Non
     path.write_text("\n".join(lines) + "\n")
 
 
-def write_image(path: Path, color: tuple[int, int, int] = COLOR) -> None:
+def write_image(path: Path, color: tuple[int, int, int] = COLOR, side: int = 8) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    Image.new("RGB", (8, 8), color).save(path, quality=100)
+    Image.new("RGB", (side, side), color).save(path, quality=100)
 
 
 def write_textured(path: Path, matrix: np.ndarray, mtl: str, image: str) -> None:
@@ -113,6 +116,7 @@ def thuman2(root: Path) -> None:
         matrix = similarity(scale, yaw(degrees), shift)
         scan = root / "THuman2.0_Release" / name / f"{name}.obj"
         write_textured(scan, matrix, "material0.mtl", "material0.jpeg")
+        write_obj(scan.with_name("decimated.obj"), matrix)
         fit = root / "THuman2.0_smplx" / name
         write_smplx(fit, matrix, 12, scale=np.array(scale), translation=shift)
 
@@ -123,6 +127,7 @@ def thuman21(root: Path) -> None:
         matrix = similarity(scale, turn, scale * transl)
         scan = root / "THuman2.1" / "model" / name / f"{name}.obj"
         write_textured(scan, matrix, "material0.mtl", "material0.jpeg")
+        write_obj(scan.with_name("decimated.obj"), matrix)
         fit = root / "THuman2.1" / "smplx" / name
         write_smplx(fit, matrix, 45, scale=np.array([scale]), transl=transl)
 
@@ -151,8 +156,9 @@ def renderpeople(root: Path) -> None:
         folder = root / "renderpeople" / f"{name}_OBJ"
         write_obj(folder / f"{name}{ending}", similarity(100), mtl=f"{name}.mtl")
         (folder / f"{name}.mtl").write_text("newmtl person\nmap_Kd C:\\work\\tex\\diffuse.tif\n")
-        write_image(folder / "tex" / f"{name}_dif_8k.jpg")
-        write_image(folder / "tex" / f"{name}_norm_8k.jpg", (128, 128, 255))
+        write_image(folder / "tex" / f"{name}_dif_2k.jpg", (9, 9, 9))
+        write_image(folder / "tex" / f"{name}_dif_8k.jpg", side=64)
+        write_image(folder / "tex" / f"{name}_norm_8k.jpg", (128, 128, 255), side=96)
 
 
 def glb(root: Path) -> None:
@@ -170,12 +176,16 @@ def glb(root: Path) -> None:
 
 @dataclass(frozen=True)
 class Layout:
-    """A set: its configuration and page, what writes it, its ids, whether it has bodies."""
+    """A set: its configuration and page, what writes it, its ids, whether it has bodies.
+
+    `first` is which of the page's calls builds it.
+    """
 
     name: str
     write: Callable[[Path], None]
     ids: tuple[str, ...]
     bodies: bool = True
+    first: int = 0
 
 
 LAYOUTS = {
@@ -188,7 +198,7 @@ LAYOUTS = {
             customhumans,
             ("0003_00012_01_00101_mesh-f00101", "0383_00070_02_00061_mesh-f00061"),
         ),
-        Layout("2k2k", two_k, ("00003",)),
+        Layout("2k2k", two_k, ("00003",), first=1),
         Layout(
             "renderpeople",
             renderpeople,
@@ -269,10 +279,11 @@ def stands(subject: Subject) -> None:
 class TestLayouts:
     @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=list(LAYOUTS))
     def test_subjects_stand_in_metres_and_face_the_viewer(self, layout: Layout, home: Path) -> None:
-        """By the first call of the set's page."""
+        """By the set's page, which finds no scan and no fit but those."""
         layout.write(home)
-        source = built(*commands(page(layout.name))[0])
+        source = built(*commands(page(layout.name))[layout.first])
         assert source.ids() == list(layout.ids)
+        assert source.refused() == {}
         for name in layout.ids:
             subject = source.make(name, 0, home / "out" / name)
             stands(subject)
@@ -324,6 +335,20 @@ class TestLayouts:
 
 
 class TestTHuman:
+    @pytest.mark.parametrize("name", ["thuman2", "thuman21"])
+    def test_part_of_the_scans(self, name: str, home: Path) -> None:
+        """The others' fits are no subjects, and listed but where the page says how not."""
+        layout = LAYOUTS[name]
+        layout.write(home)
+        call = commands(page(name))[0]
+        scans = Path(call[call.index("--subjects.root") + 1])
+        shutil.rmtree(scans / "0525")
+        assert built(*call).ids() == [each for each in layout.ids if each != "0525"]
+        assert list(built(*call).refused()) == ["0525"]
+        for option in ("--subjects.fits.unmatched ignored", "--subjects.limit 8"):
+            assert option.split()[0] in page(name)
+            assert built(*call, *option.split()).refused() == {}
+
     def test_parameters_alone_say_how_a_scan_stands(self, home: Path) -> None:
         """But the body then takes the model, which the message names."""
         thuman21(home)
@@ -382,6 +407,15 @@ class TestCustomHumans:
 
 
 class Test2K2K:
+    def test_the_unit_is_asked_for(self, home: Path) -> None:
+        two_k(home)
+        call = commands(page("2k2k"))[1]
+        at = call.index("--subjects.unit")
+        asked = "the following arguments are required: unit"
+        assert asked in " ".join(page("2k2k").split())
+        with pytest.raises(ArgumentError, match=asked):
+            built(*call[:at], *call[at + 2 :])
+
     @pytest.mark.parametrize(
         ("scale", "said", "unit"), [(100, "170 m", "cm"), (1000, "1700 m", "mm"), (0.1, "0.17", 10)]
     )
@@ -390,30 +424,42 @@ class Test2K2K:
     ) -> None:
         assert f"{said}" in page("2k2k")
         two_k(home, scale)
-        call = commands(page("2k2k"))[0]
+        probe, call = commands(page("2k2k"))[:2]
         with pytest.raises(MeshError, match=f"is {said}.* high, no person's height"):
-            built(*call).make("00003", 0, home / "out")
+            built(*probe).make("00003", 0, home / "out")
         stands(built(*call, "--subjects.unit", str(unit)).make("00003", 0, home / "out"))
 
     def test_without_bodies(self, home: Path) -> None:
+        """The unit is looked for without them too."""
         two_k(home)
         (home / "2K2K" / "train" / "00003" / "smplx10475_rigid_mesh.obj").unlink()
-        with_bodies, without = commands(page("2k2k"))[:2]
+        probe, with_bodies, without = commands(page("2k2k"))
         with pytest.raises(MeshError, match="has no fit"):
             built(*with_bodies).make("00003", 0, home / "out")
-        subject = built(*without).make("00003", 0, home / "out")
-        assert subject.body is None
-        stands(subject)
+        for call in (probe, without):
+            subject = built(*call).make("00003", 0, home / "out")
+            assert subject.body is None
+            stands(subject)
 
 
 class TestRenderPeople:
     def test_all_in_one_folder(self, home: Path) -> None:
-        """The page's second call: each has its own image."""
-        for name, tone in (("aaron", (9, 9, 9)), ("beth", (90, 90, 90))):
-            write_obj(home / "people" / f"{name}.obj", similarity(100), mtl="lost.mtl")
-            write_image(home / "people" / "tex" / f"{name}_dif_8k.jpg", tone)
-        source = built(*commands(page("renderpeople"))[1])
-        for name, tone in (("aaron", 9), ("beth", 90)):
+        """The page's second call, once the OBJs are renamed: each has its own image."""
+        tones = {"rp_aaron_posed_013": 9, "rp_beth_posed_002": 90}
+        for name, tone in tones.items():
+            write_obj(home / "people" / f"{name}_100k.obj", similarity(100), mtl="lost.mtl")
+            write_image(home / "people" / "tex" / f"{name}_dif_8k.jpg", (tone, tone, tone))
+        assert "rp_aaron_posed_013_100k.obj\n            tex/rp_aaron_posed_013_dif_8k.jpg" in page(
+            "renderpeople"
+        )
+        (rename,) = re.findall(r"^ {4}(for .*)$", page("renderpeople"), re.MULTILINE)
+        call = commands(page("renderpeople"))[1]
+        with pytest.raises(MeshError, match="has no texture"):
+            built(*call).make("rp_aaron_posed_013_100k", 0, home / "out")
+        subprocess.run(["sh", "-c", rename], check=True)
+        source = built(*call)
+        assert source.ids() == list(tones)
+        for name, tone in tones.items():
             subject = source.make(name, 0, home / "out" / name)
             np.testing.assert_allclose(color(subject), tone, atol=3)
             stands(subject)
@@ -460,6 +506,11 @@ class TestGLB:
 
 class TestBodies:
     """Ways of docs/scans/bodies.md that the sets do not take."""
+
+    def test_ids_are_as_the_page_says(self) -> None:
+        said = re.findall(r"`([\w/]+\.obj)` is `(\w+)`", page("bodies"))
+        assert len(said) == 2
+        assert all(scan_id(Path(below)) == name for below, name in said)
 
     def test_posed_mesh_and_similarity(self, home: Path) -> None:
         """A body in metres, a scan in its own coordinates, a JSON file between them."""
@@ -527,7 +578,7 @@ class TestBodies:
         ("name", "number", "folder", "printed"),
         [
             ("bodies", 1, "out/thuman2", "a 17.4 5.0\nb 17.4 5.0\n"),
-            ("2k2k", 0, "out/2k2k", "1.20 to 1.20 m high\n"),
+            ("2k2k", 0, "out/unit", "1.20 to 1.20 m high\n"),
         ],
     )
     def test_what_the_snippets_print(

@@ -204,6 +204,15 @@ class TestPlacement:
         write_fit(tmp_path / "smplx" / "a" / "smplx_param.pkl", fit.values)
         made = source(tmp_path, models, unit="cm").make("a", 0, tmp_path / "out")
         assert made.body_parameters["scan_to_body_mm"] < 20
+        posed = Fits(
+            root=str(tmp_path / "smplx"),
+            mesh=["{folder}/body.obj"],
+            parameters=["{folder}/smplx_param.pkl"],
+        )
+        shutil.copy(tmp_path / "out" / "body.obj", tmp_path / "smplx" / "a")
+        both = dataclasses.replace(source(tmp_path, models, unit="cm"), fits=posed)
+        again = both.make("a", 0, tmp_path / "again").body_parameters
+        assert again["mesh_to_parameters_mm"] < 0.01
         surface, truth = made.surface(), read_mesh(open_human / "open_0000.obj")
         np.testing.assert_allclose(np.ptp(surface.bounds, 0), np.ptp(truth.bounds, 0), atol=1e-5)
         with pytest.raises(MeshError, match=r"without a scale; give the scans' subjects\.unit"):
