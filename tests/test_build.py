@@ -152,6 +152,15 @@ def test_verify_finds_a_mesh_that_is_not_the_one_rendered(built, tmp_path):
     assert "s1" in result.stdout
 
 
+@pytest.mark.parametrize(
+    ("breaches", "words"), [(["a: one"], "1 breach:\na: one"), (["a", "b"], "2 breaches:\na\nb")]
+)
+def test_breaches_are_counted_in_english(breaches, words):
+    from shards.verify import Report
+
+    assert Report(breaches).table().endswith(f"\n{words}")
+
+
 def test_two_jobs_and_a_second_run_give_the_same_bytes(built, tmp_path):
     result = pipeline(
         "build", "--config", built / "config.yaml", "--output", tmp_path / "again", "--jobs", 2
@@ -325,6 +334,7 @@ def test_fit_holds_the_giant(tmp_path):
         ({"colour": 3}, ["colour"]),
         ({"subjects": {"class_path": "Scans", "init_args": {"root": "x"}}}, ["subjects", "up"]),
         ({"subjects": {"class_path": "Scan"}}, ["subjects", "Scan", "OpenHumans"]),
+        ({"cameras": {"rows": 3}}, ["cameras", "did you mean camera?"]),
     ],
 )
 def test_a_wrong_configuration_is_one_line_and_status_two(tmp_path, changes, words):
@@ -355,6 +365,60 @@ def test_wrong_calls_are_one_line_and_status_two(tmp_path):
         assert result.returncode == 2, result.stderr
         assert len(result.stderr.splitlines()) == 1, result.stderr
         assert word in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("--subjects.lmit=1", "did you mean subjects.limit?"),
+        ("--subject.limit=1", "did you mean subjects.limit of Scans?"),
+        ("--subjects.count=1", "did you mean subjects.count of OpenHumans?"),
+        ("--subjects.fit.root=x", "did you mean subjects.fits.root?"),
+        ("--subjects.fits.rot=x", "did you mean subjects.fits.root?"),
+        ("--camra.pixel_size=1", "did you mean camera.pixel_size?"),
+        ("--outptu=x", "did you mean output?"),
+        ("--subjects.unit=metre", "unit: expected 'm' or"),
+        ("--subjects.unit=metre", "--subjects.help Scans lists"),
+        ("--subjects.limit=few", "limit: expected a whole number or null, got few"),
+    ],
+)
+def test_a_misspelt_option_is_told_the_right_one(tmp_path, option, words):
+    result = pipeline(
+        "build", "--config", write_config(tmp_path), "--output", tmp_path / "data", option
+    )
+    assert result.returncode == 2
+    assert len(result.stderr.splitlines()) == 1, result.stderr
+    assert words in result.stderr
+
+
+@pytest.mark.parametrize("option", ["--subjects.qqqq=1", "--colour=1"])
+def test_an_option_like_no_other_is_told_none(tmp_path, option):
+    result = pipeline("build", "--output", tmp_path / "data", option)
+    assert result.returncode == 2
+    assert "did you mean" not in result.stderr
+
+
+def test_of_two_sources_the_option_of_the_one_in_use_is_told(tmp_path):
+    result = pipeline("build", "--output", tmp_path / "data", "--subjects.cuont", 1)
+    assert "did you mean subjects.count?" in result.stderr
+    result = pipeline("build", "--output", tmp_path / "data", "--subjects.lmit", 1)
+    assert "did you mean subjects.limit of Scans?" in result.stderr
+    assert "--subjects.help Scans lists" in result.stderr
+
+
+@pytest.mark.parametrize("package", ["jsonargparse", "PIL"])
+def test_a_missing_package_is_one_line_and_status_two(tmp_path, package):
+    code = (
+        f"import sys; sys.modules[{package!r}] = None\n"
+        "import pipeline\n"
+        f"sys.exit(pipeline.main(['build', '--output', {str(tmp_path / 'data')!r}]))"
+    )
+    command = [sys.executable, "-c", code]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 2
+    assert len(result.stderr.splitlines()) == 1, result.stderr
+    assert f"the Python package {package} is missing" in result.stderr
+    assert "pip install '.[render,humans]'" in result.stderr
 
 
 @pytest.fixture(scope="module")

@@ -31,7 +31,7 @@ WIDEST = 2.5
 UPRIGHT = 0.7
 """Cosine between a body's upright and an axis from which on the axis is up."""
 
-LYING = 0.2
+LYING = 0.35
 """Cosine between up and a body's upright below which another axis is up."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import pickle  # noqa: TID251 - written here, read only by the code under test
 from dataclasses import replace
 from pathlib import Path
@@ -54,9 +55,11 @@ class TestPose:
     def test_a_file_that_says_flat_is_believed(self, fit: Any, models: Path) -> None:
         path = model.find_model(str(models), "male")
         values = fit.values | {"flat_hand_mean": np.array(True)}
-        posed = model.pose(path, parameters_from(values, path), flat_hand_mean=False)
+        body = model.posed(Path("fit"), str(models), "male", parameters_from(values, path), False)
         expected = by_the_package(path, fit.values, num_pca_comps=12, flat_hand_mean=True)
-        assert np.abs(posed - expected).max() < 1e-5
+        assert np.abs(body.mesh.vertices - expected).max() < 1e-5
+        assert body.record["flat_hand_mean"] is True
+        assert body.record["model_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
 
     def test_components_and_angles_in_one_fit(self, fit: Any, models: Path) -> None:
         """One hand by components, the other by the angles that those mean."""
@@ -90,7 +93,8 @@ class TestPose:
         a = model.pose(path, parameters, False)
         b = model.pose(model.find_model(str(models), "male"), parameters, False)
         assert np.array_equal(a, b)
-        assert np.array_equal(model.faces(path), fit.model["f"])
+        body = model.posed(Path("fit"), str(tmp_path), "male", parameters)
+        assert np.array_equal(body.mesh.faces, fit.model["f"])
 
 
 class TestFiles:
@@ -124,7 +128,7 @@ class TestFiles:
         path = tmp_path / "SMPLX_MALE.npz"
         np.savez(path, **members)
         with pytest.raises(MeshError, match=said) as error:
-            model.faces(path)
+            model.pose(path, parameters_from(fit.values, path), False)
         assert str(error.value).startswith(f"{path}: ")
 
     def test_a_small_model_and_a_large_fit(self, fit: Any, tmp_path: Path) -> None:
@@ -134,8 +138,8 @@ class TestFiles:
         with pytest.raises(MeshError, match="has 10 components where the fit has 11 of betas"):
             model.pose(path, parameters_from(values, path), flat_hand_mean=False)
 
-    def test_damaged(self, tmp_path: Path) -> None:
+    def test_damaged(self, fit: Any, tmp_path: Path) -> None:
         path = tmp_path / "SMPLX_MALE.npz"
         path.write_bytes(b"PK\x03\x04 no more")
         with pytest.raises(MeshError, match=r"SMPLX_MALE\.npz"):
-            model.faces(path)
+            model.pose(path, parameters_from(fit.values, path), False)
