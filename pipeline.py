@@ -13,13 +13,13 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
-from jsonargparse import ActionConfigFile, ArgumentParser, set_parsing_settings
-from jsonargparse.typing import PositiveInt
+if TYPE_CHECKING:
+    from jsonargparse import ArgumentParser
 
 DONE, FAILURES, WRONG, INTERRUPTED = 0, 1, 2, 130
 
@@ -32,10 +32,24 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one sub-command; returns the exit status.
 
     0: all done. 1: finished, with failures that were listed. 2: the call or the configuration
-    was wrong. 130: interrupted.
+    was wrong, or a package is missing. 130: interrupted.
     """
+    try:
+        return _run(sys.argv[1:] if arguments is None else arguments)
+    except ModuleNotFoundError as error:
+        package = (error.name or str(error)).partition(".")[0]
+        sys.stderr.write(
+            f"error: the Python package {package} is missing; in the checkout, "
+            "pip install '.[render,humans]' brings it, or `make demo` and then "
+            "`. .venv/bin/activate`\n"
+        )
+        return WRONG
+
+
+def _run(given: list[str]) -> int:
+    from jsonargparse import ArgumentParser
+
     commands = {"build": (_add_build, _build), "verify": (_add_verify, _verify)}
-    given = sys.argv[1:] if arguments is None else arguments
     parser = ArgumentParser(
         prog="pipeline.py", description=__doc__.splitlines()[0], exit_on_error=False
     )
@@ -77,8 +91,9 @@ def _explain(error: Exception, children: dict[str, ArgumentParser], given: list[
     if isinstance(error, argparse.ArgumentError):
         message = _cure(message, parser)
         call = " ".join(["python pipeline.py", *(given[:1] if parser else [])])
-        source = re.match(r"subjects:\s+(\w+):", message)
-        topic = f"--subjects.help {source[1]}" if source else "--help"
+        meant = re.search(r"did you mean (\w+)\.\S+ of (\w+)\?", message)
+        chosen = meant or re.match(r"(subjects|sensor):\s+(\w+):", message)
+        topic = f"--{chosen[1]}.help {chosen[2]}" if chosen else "--help"
         message += f" ({call} {topic} lists what is known)"
     file = _faulty_config(parser, given)
     return " ".join((f"{file}: {message}" if file else message).split())
@@ -103,13 +118,15 @@ def _cure(message: str, parser: ArgumentParser | None) -> str:
     """A parser's message in a user's words, and with what might have been meant."""
     message = re.sub(r'Parser key "([^"]+)":', r"\1:", message)
     message = re.sub(r"Problem with given class_path '[\w.]*?(\w+)':", r"\1:", message)
-    union = re.search(r"^([\w.]+):.*Subtypes: \[(.*?)\]\n.*Given value: (.*)$", message, re.DOTALL)
+    union = re.search(
+        r"^((?:[\w.]+:\s+)+).*Subtypes: \[(.*?)\]\n.*Given value: (.*)$", message, re.DOTALL
+    )
     if union:
         kinds = re.sub(r"typing\.Literal\[(.*?)\]", r"\1", union[2])
         kinds = kinds.replace("<class 'NoneType'>", "null").replace("NoneType", "null")
-        message = f"{union[1]}: expected {kinds.replace(', ', ' or ')}, got {union[3]}"
+        message = f"{union[1]}expected {kinds.replace(', ', ' or ')}, got {union[3]}"
     message = re.sub(r"Expected an? (.*?)\. Got value: (.*)", r"expected \1, got \2", message)
-    message = re.sub(r"Expected a dot import path string: (\S+)", r"\1 is no source", message)
+    message = re.sub(r"Expected a dot import path string: (\S+)", r"\1 is no known class", message)
     message = re.sub(r"<class '(?:\w+\.)*(\w+)'>", lambda m: _TYPES.get(m[1], m[1]), message)
     for said, meant in _WORDS.items():
         message = message.replace(said, meant)
@@ -122,22 +139,56 @@ def _cure(message: str, parser: ArgumentParser | None) -> str:
 
 def _suggestion(message: str, parser: ArgumentParser) -> str:
     """What to write instead, where that can be told."""
-    unknown = re.search(r"[oO]ption '([\w.]+)'|unrecognized arguments: --(?:\w+\.)*(\w+)", message)
+    unknown = re.search(r"(?:Group '([\w.]+)'.*)?(?:[oO]ption '|arguments: --)([\w.-]+)", message)
     if unknown:
-        keys = {action.dest.split(".")[-1] for action in parser._actions}
-        wrong = (unknown[1] or unknown[2]).split(".")[-1]
-        near = difflib.get_close_matches(wrong, sorted(keys), n=1)
-        return f"; did you mean {near[0]}?" if near else ""
-    if "is no source" in message:
-        from engine.config import SOURCES
-
-        return f"; known: {', '.join(source.__name__ for source in SOURCES)}"
+        chosen = re.match(r"(subjects|sensor):\s+(\w+):", message)
+        parts = [chosen[1] if chosen else "", unknown[1] or "", unknown[2]]
+        return _nearest(".".join(filter(None, parts)), parser, chosen[2] if chosen else "")
     key = message.partition(":")[0]
+    if "is no known class" in message:
+        from engine.config import CHOICES
+
+        return f"; known: {', '.join(kind.__name__ for kind in CHOICES[key])}"
     if key in {action.dest for action in parser._actions}:
         default = parser.get_default(key)
         if isinstance(default, (int, float, str)):
             return f"; give for example {default}"
     return ""
+
+
+def _nearest(wrong: str, parser: ArgumentParser, used: str) -> str:
+    """The option most like `wrong`, dotted, of the parser or of any class; `used` is in use."""
+    owners = {action.dest: "" for action in parser._actions}
+    if "subjects" in owners:
+        from engine.config import CHOICES
+
+        for key, kinds in CHOICES.items():
+            # Where classes share a name, the one in use has it.
+            for kind in sorted(kinds, key=lambda kind: kind.__name__ == used):
+                owners |= dict.fromkeys(_options(kind, key), kind.__name__)
+
+    def last(name: str) -> str:
+        return name.rpartition(".")[2]
+
+    # A long common beginning alone makes no two names alike.
+    words = {last(name) for name in owners}
+    alike = difflib.get_close_matches(last(wrong), words, n=len(words), cutoff=0.7)
+    candidates = sorted(name for name in owners if last(name) in alike)
+    near = difflib.get_close_matches(wrong, candidates, n=1, cutoff=0)
+    if not near:
+        return ""
+    owner = owners[near[0]]
+    return f"; did you mean {near[0]}{f' of {owner}' if owner not in ('', used) else ''}?"
+
+
+def _options(kind: type, prefix: str) -> Iterator[str]:
+    """The dotted names of a dataclass's fields, nested ones too."""
+    kinds = get_type_hints(kind)
+    for field in fields(kind):
+        name = f"{prefix}.{field.name}"
+        yield name
+        if is_dataclass(kinds[field.name]) and isinstance(kinds[field.name], type):
+            yield from _options(kinds[field.name], name)
 
 
 def _faulty_config(parser: ArgumentParser | None, given: list[str]) -> str | None:
@@ -155,17 +206,25 @@ def _faulty_config(parser: ArgumentParser | None, given: list[str]) -> str | Non
 
 
 def _add_build(parser: ArgumentParser) -> None:
+    from jsonargparse import ActionConfigFile, set_parsing_settings
+    from jsonargparse.typing import PositiveInt
+
+    from augment.sensors import Sensor
     from engine.config import BuildConfig
     from subjects.source import Source
 
-    set_parsing_settings(docstring_parse_attribute_docstrings=True, subclasses_enabled=[Source])
+    set_parsing_settings(
+        docstring_parse_attribute_docstrings=True, subclasses_enabled=[Sensor, Source]
+    )
     parser.add_argument("--config", action=ActionConfigFile, help="YAML file, see configs/")
     parser.add_argument("--output", type=str, required=True, help="folder of the dataset")
     parser.add_argument(
         "--jobs", type=PositiveInt | None, help="worker processes (default: one per processor)"
     )
     parser.add_class_arguments(BuildConfig)
-    parser.epilog = "The options of a source: --subjects.help OpenHumans, --subjects.help Scans."
+    parser.epilog = (
+        "The options of a source or a sensor: --subjects.help Scans, --sensor.help KinectV2."
+    )
 
 
 def _build(parser: ArgumentParser, parsed: Any) -> int:

@@ -62,7 +62,8 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
     threads = max(1, cpu_count() // workers)
     views = config.views.total
     if missing:
-        print(f"{len(missing)} subjects of {views} views, {workers} workers", file=sys.stderr)
+        people = "subject" if len(missing) == 1 else "subjects"
+        print(f"{len(missing)} {people} of {views} views, {workers} workers", file=sys.stderr)
         wait = config.subjects.preparation()
         if wait is not None:
             print(wait, file=sys.stderr)

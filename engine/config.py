@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from augment.light import LightConfig
-from augment.sensor import SensorConfig
+from augment.sensors import SENSORS, NormalGAN, Sensor
 from render.camera import CameraConfig
 from render.cycles import CyclesConfig
 from render.views import ViewsConfig
@@ -15,6 +15,9 @@ from subjects.scans import Scans
 from subjects.source import Source
 
 SOURCES: tuple[type[Source], ...] = (OpenHumans, Scans)
+
+CHOICES: dict[str, tuple[type, ...]] = {"subjects": SOURCES, "sensor": tuple(SENSORS.values())}
+"""Settings that choose a class -> the classes."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +34,9 @@ class BuildConfig:
     """The point light and the exposure."""
     cycles: CyclesConfig = field(default_factory=CyclesConfig)
     """How Blender's Cycles renders."""
-    sensor: SensorConfig = field(default_factory=SensorConfig)
-    """The depth sensor that looks at the front."""
+    sensor: Sensor = field(default_factory=NormalGAN)
+    """The depth sensor that looks at the front, with its parameters: NormalGAN, KinectV2,
+    TimeOfFlight, KinectV1 or AzureKinect."""
     shards: ShardsConfig = field(default_factory=ShardsConfig)
     """How shards are written."""
     seed: int = 0

@@ -8,7 +8,7 @@ from typing import TextIO
 
 from tqdm import tqdm
 
-_BAR = "{desc} {bar} {n_fmt}/{total_fmt} subjects, {remaining} left{postfix}"
+_BAR = "{desc} {bar} {n_fmt}/{total_fmt} {unit}, {remaining} left{postfix}"
 
 
 class Progress:
@@ -30,6 +30,7 @@ class Progress:
             tqdm(
                 total=total,
                 desc=what,
+                unit="subject" if total == 1 else "subjects",
                 file=self._stream,
                 leave=False,
                 bar_format=_BAR,

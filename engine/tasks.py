@@ -10,12 +10,13 @@ import time
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import seeds
 from augment.light import expose
-from augment.sensor import MODEL, sense
+from augment.sensors import read
 from engine.config import BuildConfig
 from engine.memory import PeakMemory
 from render.camera import place_camera
@@ -134,7 +135,7 @@ def make_shard(task: Task) -> ShardResult:
         config.cycles,
         task.threads,
     )
-    members = _members(seen, yaw_deg, config, subject.id)
+    members = _members(seen, yaw_deg, config)
     meta = {
         "schema_version": SCHEMA_VERSION,
         "subject": subject.id,
@@ -159,19 +160,18 @@ def make_shard(task: Task) -> ShardResult:
         },
         "light": asdict(config.light),
         "cycles": asdict(config.cycles),
-        "sensor": {"model": MODEL, **asdict(config.sensor)},
+        "sensor": {"model": config.sensor.name, **asdict(config.sensor)},
         "seed": config.seed,
         "dropped_pixels": seen.dropped_pixels.tolist(),
         "versions": versions(config),
     }
+    members |= _readings(members, meta, config.shards.draws)
     written = write_shard(task.shard, members, meta, config.shards.compression)
     return ShardResult(*written, time.monotonic() - start, subject.licence)
 
 
-def _members(
-    seen: Capture, yaw_deg: np.ndarray, config: BuildConfig, subject: str
-) -> dict[str, np.ndarray]:
-    """A shard's arrays from what the cameras saw."""
+def _members(seen: Capture, yaw_deg: np.ndarray, config: BuildConfig) -> dict[str, np.ndarray]:
+    """A shard's arrays from what the cameras saw, but for the sensor's."""
     members = {
         "yaw_deg": yaw_deg,
         "camera_to_world": seen.camera_to_world,
@@ -182,18 +182,6 @@ def _members(
         "normal_back": seen.normal_back.astype(np.float16),
         "rgb_front": expose(seen.radiance_front, seen.mask, config.light),
         "rgb_back": expose(seen.radiance_back, seen.mask, config.light),
-        "depth_sensor": np.stack(
-            [
-                sense(
-                    seen.depth_front[i],
-                    seen.normal_front[i],
-                    seen.mask[i],
-                    config.sensor,
-                    seeds.generator(config.seed, subject, "sensor", view=i),
-                ).depth
-                for i in range(len(yaw_deg))
-            ]
-        ),
         "body_depth_front": seen.body_depth_front,
         "body_depth_back": seen.body_depth_back,
     }
@@ -201,6 +189,28 @@ def _members(
         members["radiance_front"] = seen.radiance_front.astype(np.float16)
         members["radiance_back"] = seen.radiance_back.astype(np.float16)
     return members
+
+
+def _readings(
+    members: dict[str, np.ndarray], meta: dict[str, Any], draws: int
+) -> dict[str, np.ndarray]:
+    """What the sensor reads of the stored maps, so that whoever has the shard can read it again."""
+    names = ("depth_front", "normal_front", "rgb_front", "mask")
+    depth = np.stack(
+        [
+            np.stack(
+                [
+                    read({n: members[n][i] for n in names}, meta, i, draw).depth
+                    for draw in range(draws)
+                ]
+            )
+            for i in range(len(members["mask"]))
+        ]
+    )
+    readings = {"depth_sensor": depth[:, 0]}
+    if draws > 1:
+        readings["depth_sensor_more"] = depth[:, 1:]
+    return readings
 
 
 def versions(config: BuildConfig) -> dict[str, str]:

@@ -14,10 +14,10 @@ def parser(description: str) -> argparse.ArgumentParser:
     return result
 
 
-def add_picture_options(parser: argparse.ArgumentParser) -> None:
-    """--output of a picture, and --subjects that it shows."""
+def add_picture_options(parser: argparse.ArgumentParser, default: str = "all") -> None:
+    """--output of a picture, and --subjects that it shows; `default` says which, if left out."""
     parser.add_argument("--output", type=Path, required=True, help="PNG to write")
-    parser.add_argument("--subjects", nargs="*", default=[], help="ids (default: all)")
+    parser.add_argument("--subjects", nargs="*", default=[], help=f"ids (default: {default})")
 
 
 def refused(error: Exception) -> int:

@@ -1,11 +1,14 @@
-"""A picture of a dataset: one row a subject, one column a map.
+"""A picture of a dataset: one row a subject, one column a map, all at one scale.
 
 python -m report.sheet out/demo --output sheet.png
 """
 
 from __future__ import annotations
 
+import math
 import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,42 +28,118 @@ COLUMNS = {
     "depth_sensor": "sensor depth, shaded",
     "body_depth_back": "body, back",
 }
+LIMIT = 24
+"""Subjects that are drawn where none are named."""
+LARGEST = 64_000_000
+"""Pixels of a picture; beyond them people are drawn at a smaller scale, so that viewers open it."""
+SMALLEST = 32
+"""Pixels of the highest person at the least: one drawn smaller shows nothing."""
+
 PAPER = 250
 MARGIN = 8
+"""Pixels around each person."""
+HEADER, LABEL = 24, 22
+"""Pixels of the line of titles, and of the line above each row."""
+
+_INK, _GREY, _RULE = (40, 40, 40), (110, 110, 110), (225, 225, 225)
 
 
 def sheet(folder: Path, subjects: list[str], view: int) -> Image.Image:
-    """One row for each subject: the maps of one view, cropped to the silhouettes together.
+    """One row for each subject: the maps of one view, above them its id and its height.
+
+    All rows have one scale, that of the largest pixel among them. A height is the silhouette's,
+    raised hands included.
+
+    Args:
+        subjects: ids; not empty.
 
     Raises:
-        ValueError: the dataset has no such subject or view.
+        ValueError: the dataset has no such subject or view, one is not seen in it,
+            or there are too many for one picture.
     """
     dataset = Dataset(folder)
-    rows, pixels = [], []
-    for subject in subjects or dataset.subjects():
-        shard = dataset.shard(subject)
-        rows.append(shard.view(chosen(shard, view)))
-        pixels.append(shard.meta["camera"]["pixel_size"])
-    top, bottom, left, right = _common_box([row["mask"] for row in rows])
-    cells = [
-        np.concatenate(
-            [_picture(row, name, pixel)[top:bottom, left:right] for name in COLUMNS], axis=1
+    crops = [_crop(dataset, subject, view) for subject in subjects]
+    font = ImageFont.load_default(size=14)
+    widest = math.ceil(max(font.getlength(title) for title in COLUMNS.values()))
+    scale = 1 / max(crop.pixel_size for crop in crops)
+    while math.prod(_page_size(crops, scale, widest)) > LARGEST:
+        scale *= 0.95
+        if scale * max(crop.height for crop in crops) < SMALLEST:
+            raise ValueError(
+                f"{len(crops)} subjects are too many for one picture; set a lower --limit"
+            )
+    page = Image.new("RGB", _page_size(crops, scale, widest), (PAPER, PAPER, PAPER))
+    cell = page.width // len(COLUMNS)
+    draw = ImageDraw.Draw(page)
+    for k, title in enumerate(COLUMNS.values()):
+        draw.text((k * cell + cell // 2, 5), title, fill=_INK, font=font, anchor="mt")
+    top = HEADER
+    for crop in crops:
+        size = crop.size(scale)
+        draw.line((MARGIN, top, page.width - MARGIN, top), fill=_RULE)
+        label = f"{crop.subject}, {crop.height:.2f} m"
+        draw.text((MARGIN, top + LABEL // 2), label, fill=_GREY, font=font, anchor="lm")
+        for k, picture in enumerate(_pictures(dataset, crop, size)):
+            page.paste(picture, (k * cell + (cell - size[0]) // 2, top + LABEL + MARGIN))
+        top += LABEL + MARGIN + size[1] + MARGIN
+    return page
+
+
+@dataclass(frozen=True)
+class _Crop:
+    """What is drawn of one subject.
+
+    Attributes:
+        box: left, top, right and bottom of its maps, pixels.
+        height: of the silhouette, metres.
+        pixel_size: metres.
+    """
+
+    subject: str
+    view: int
+    box: tuple[int, int, int, int]
+    height: float
+    pixel_size: float
+
+    def size(self, scale: float) -> tuple[int, int]:
+        """Width and height of the box at `scale` pixels a metre."""
+        left, top, right, bottom = self.box
+        scale *= self.pixel_size
+        return max(round(scale * (right - left)), 1), max(round(scale * (bottom - top)), 1)
+
+
+def _page_size(crops: list[_Crop], scale: float, title: int) -> tuple[int, int]:
+    """Width and height where people are drawn at `scale` and no title is wider than `title`."""
+    sizes = [crop.size(scale) for crop in crops]
+    cell = max(title, *(width for width, _ in sizes)) + 2 * MARGIN
+    rows = (LABEL + MARGIN + height + MARGIN for _, height in sizes)
+    return len(COLUMNS) * cell, HEADER + sum(rows)
+
+
+def _crop(dataset: Dataset, subject: str, view: int) -> _Crop:
+    shard = dataset.shard(subject)
+    index = chosen(shard, view)
+    mask, body = shard.view(index, ["mask", "body_depth_back"]).values()
+    if not mask.any():
+        raise ValueError(
+            f"{subject} is not seen in view {index}; set --view, or --subjects without it"
         )
-        for row, pixel in zip(rows, pixels, strict=True)
-    ]
-    return _titled(np.concatenate(cells, axis=0), right - left)
+    # The body may leave the silhouette.
+    seen = mask | (body > 0)
+    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    box = (int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
+    standing = np.flatnonzero(mask.any(axis=1))
+    pixel_size = float(shard.meta["camera"]["pixel_size"])
+    height = float(standing[-1] + 1 - standing[0]) * pixel_size
+    return _Crop(subject, index, box, height, pixel_size)
 
 
-def _common_box(masks: list[np.ndarray]) -> tuple[int, int, int, int]:
-    mask = np.logical_or.reduce(masks)
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    height, width = mask.shape
-    return (
-        max(rows[0] - MARGIN, 0),
-        min(rows[-1] + 1 + MARGIN, height),
-        max(columns[0] - MARGIN, 0),
-        min(columns[-1] + 1 + MARGIN, width),
-    )
+def _pictures(dataset: Dataset, crop: _Crop, size: tuple[int, int]) -> Iterator[Image.Image]:
+    """The columns of one row, each of `size`."""
+    maps = dataset.shard(crop.subject).view(crop.view, ["mask", *COLUMNS])
+    for name in COLUMNS:
+        picture = Image.fromarray(_picture(maps, name, crop.pixel_size)).crop(crop.box)
+        yield picture if picture.size == size else picture.resize(size, Image.Resampling.LANCZOS)
 
 
 def _picture(view: dict[str, np.ndarray], name: str, pixel_size: float) -> np.ndarray:
@@ -99,25 +178,46 @@ def _depth_range(view: dict[str, np.ndarray]) -> tuple[float, float]:
     return float(view["depth_front"][mask].min()), float(view["depth_back"][mask].max())
 
 
-def _titled(cells: np.ndarray, width: int) -> Image.Image:
-    header = 24
-    page = np.full((cells.shape[0] + header, cells.shape[1], 3), PAPER, dtype=np.uint8)
-    page[header:] = cells
-    image = Image.fromarray(page)
-    draw, font = ImageDraw.Draw(image), ImageFont.load_default(size=14)
-    for i, title in enumerate(COLUMNS.values()):
-        draw.text((i * width + width // 2, 5), title, fill=(40, 40, 40), font=font, anchor="mt")
-    return image
+def spread(subjects: list[str], limit: int) -> list[str]:
+    """At most `limit` of them, evenly from the first to the last."""
+    if len(subjects) <= limit:
+        return subjects
+    return [subjects[round(k)] for k in np.linspace(0, len(subjects) - 1, limit)]
+
+
+def _asked(folder: Path, named: list[str], limit: int | None) -> list[str]:
+    """The subjects that a call asks for; says on stderr if these are not all."""
+    if limit is not None and limit < 1:
+        raise ValueError(f"--limit is {limit}; give a whole number above 0")
+    found = named or Dataset(folder).subjects()
+    if not found:
+        raise ValueError(f"{folder} holds no finished subject; build it first")
+    if limit is None:
+        limit = len(named) or LIMIT
+    shown = spread(found, limit)
+    if len(shown) < len(found):
+        sys.stderr.write(
+            f"{len(shown)} of {len(found)} subjects, spread evenly; "
+            "--subjects names others, --limit N draws more\n"
+        )
+    return shown
 
 
 def main() -> int:
     """Write the picture a call asks for; returns the exit status."""
     parser = command.parser(__doc__)
-    command.add_picture_options(parser)
+    command.add_picture_options(parser, f"{LIMIT}, spread evenly over the dataset")
+    parser.add_argument(
+        "--limit",
+        type=int,
+        metavar="N",
+        help=f"draw at most N subjects, spread evenly (default: {LIMIT}, or all that are named)",
+    )
     parser.add_argument("--view", type=int, default=0, help="which view (default: 0)")
     options = parser.parse_args()
     try:
-        sheet(options.data, options.subjects, options.view).save(options.output)
+        subjects = _asked(options.data, options.subjects, options.limit)
+        sheet(options.data, subjects, options.view).save(options.output)
     except (ValueError, OSError) as error:
         return command.refused(error)
     print(options.output)

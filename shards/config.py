@@ -14,5 +14,11 @@ class ShardsConfig:
     compression: Compression = "stored"
     """`stored` lets one view be read without the rest; `deflate` is about nine times smaller, for
     passing a dataset on."""
+    draws: int = 1
+    """Readings of the depth sensor for each view; those after the first are another member."""
     radiance: bool = False
     """Keep linear light per watt as well, for light sweeps (about twice the bytes)."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.draws <= 100:
+            raise ValueError(f"shards.draws: {self.draws}; give 1 to 100 readings for each view")

@@ -40,7 +40,8 @@ class Member:
 
     Attributes:
         name: its name in the npz.
-        view_shape: what follows the leading axis of views; "H" and "W" are the image's.
+        view_shape: what follows the leading axis of views; "H" and "W" are the image's, "D" is
+            any number above 0.
         dtype: little-endian type on disk.
         meaning: one line with the unit and the frame.
         optional: whether a shard may lack it.
@@ -52,9 +53,9 @@ class Member:
     meaning: str
     optional: bool = False
 
-    def shape(self, views: int, height: int, width: int) -> tuple[int, ...]:
+    def shape(self, views: int, height: int, width: int, draws: int = 1) -> tuple[int, ...]:
         """The whole member's shape for `views` images of `height` x `width` pixels."""
-        sizes = {"H": height, "W": width}
+        sizes = {"H": height, "W": width, "D": draws}
         return (views, *(sizes[n] if isinstance(n, str) else n for n in self.view_shape))
 
     @property
@@ -86,6 +87,7 @@ MEMBERS: dict[str, Member] = {
         _member("rgb_front", _IMAGE3, "|u1", "sRGB under the configured light"),
         _member("rgb_back", _IMAGE3, "|u1", "sRGB of the back, in the front camera's grid"),
         _member("depth_sensor", _IMAGE, "<f4", "the front as the sensor sees it, metres"),
+        _member("depth_sensor_more", ("D", *_IMAGE), "<f4", "further readings of the same", True),
         _member("body_depth_front", _IMAGE, "<f4", "nearest surface of the parametric body"),
         _member("body_depth_back", _IMAGE, "<f4", "farthest surface of the parametric body"),
         _member("radiance_front", _IMAGE3, "<f2", "linear light per watt of the lamp", True),
@@ -187,7 +189,8 @@ def check_arrays(arrays: Mapping[str, ArrayLike]) -> tuple[int, int, int]:
     views, height, width = shape
     for name, array in arrays.items():
         member = MEMBERS[name]
-        due = member.shape(views, height, width)
+        draws = max(tuple(array.shape)[1:2] or (1,)) if "D" in member.view_shape else 1
+        due = member.shape(views, height, width, max(draws, 1))
         if array.dtype != member.dtype:
             raise SchemaError(f"member {name!r} has type {array.dtype}, not {member.dtype}")
         if tuple(array.shape) != due:

@@ -100,8 +100,9 @@ class Report:
             ).rstrip()
             for row in rows
         ]
-        found = [f"{len(self.breaches)} breaches:", *self.breaches] if self.breaches else ["sound"]
-        return "\n".join([*lines, "", *found])
+        count = len(self.breaches)
+        found = [f"{count} breach{'es' if count > 1 else ''}:" if count else "sound"]
+        return "\n".join([*lines, "", *found, *self.breaches])
 
 
 def verify(folder: Path | str, progress: Callable[[str], None] = lambda subject: None) -> Report:
@@ -258,7 +259,8 @@ class _SubjectCheck:
             if array.dtype.kind == "f" and not np.isfinite(array).all():
                 self.breach(f"{name} is not finite everywhere", view)
             if name not in ("mask", "yaw_deg", "camera_to_world") and not name.startswith("body"):
-                values = array[~mask]
+                # Several readings of one view lie before the image's axes.
+                values = array[:, ~mask].T if name == "depth_sensor_more" else array[~mask]
                 outside = int((values != 0).reshape(len(values), -1).any(axis=1).sum())
                 if outside:
                     self.breach(f"{name} is not 0 in {outside} pixels outside the mask", view)
@@ -268,8 +270,9 @@ class _SubjectCheck:
             wrong = int((mask != (maps[name] > 0)).sum())
             if wrong:
                 self.breach(f"mask differs from {name} > 0 in {wrong} pixels", view)
-        if not (maps["depth_sensor"] >= 0).all():
-            self.breach("depth_sensor is negative somewhere", view)
+        for name in ("depth_sensor", "depth_sensor_more"):
+            if name in maps and not (maps[name] >= 0).all():
+                self.breach(f"{name} is negative somewhere", view)
         self._check_thickness(view, maps, mask, "depth")
         body = maps["body_depth_front"] > 0
         wrong = int((body != (maps["body_depth_back"] > 0)).sum())

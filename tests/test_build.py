@@ -16,6 +16,9 @@ import trimesh
 import yaml
 from PIL import Image
 
+from augment import sensors
+from shards.archive import Shard
+
 ROOT = Path(__file__).parents[1]
 MEMBERS = {
     "yaw_deg": ("f4", ()),
@@ -334,7 +337,7 @@ def test_fit_holds_the_giant(tmp_path):
         ({"colour": 3}, ["colour"]),
         ({"subjects": {"class_path": "Scans", "init_args": {"root": "x"}}}, ["subjects", "up"]),
         ({"subjects": {"class_path": "Scan"}}, ["subjects", "Scan", "OpenHumans"]),
-        ({"cameras": {"rows": 3}}, ["cameras", "did you mean camera?"]),
+        ({"cameras": {"rows": 3}}, ["cameras", "did you mean camera.rows?"]),
     ],
 )
 def test_a_wrong_configuration_is_one_line_and_status_two(tmp_path, changes, words):
@@ -492,3 +495,38 @@ def test_the_pipeline_process_never_loads_blender_or_torch():
         "sys.exit(bool({'bpy', 'torch', 'anny'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
+
+
+@pytest.mark.parametrize("sensor", ["NormalGAN", "KinectV2", "TimeOfFlight", "KinectV1"])
+def test_whoever_has_a_shard_reads_the_sensor_again(tmp_path, sensor):
+    """Several readings of each view, and the same ones from the stored maps."""
+    config = scans(tmp_path, 1)
+    result = pipeline(
+        "build", "--config", config, "--output", tmp_path / "data", "--sensor", sensor,
+        "--sensor.noise", 2, "--shards.draws", 3,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert pipeline("verify", tmp_path / "data").returncode == 0
+    shard = Shard(tmp_path / "data" / "shards" / "s0.npz")
+    assert shard["depth_sensor_more"].shape == (2, 2, 424, 512)
+    readings = set()
+    for i in range(2):
+        view = shard.view(i)
+        stored = [view["depth_sensor"], *view["depth_sensor_more"]]
+        for draw, depth in enumerate(stored):
+            again = sensors.read(view, shard.meta, i, draw)
+            assert again.depth.tobytes() == depth.tobytes()
+            readings.add(depth.tobytes())
+    assert len(readings) == 6
+    assert shard.meta["sensor"]["noise"] == 2
+    assert shard.meta["sensor"]["distance"] == 2.0
+
+
+def test_a_sensor_that_is_none(tmp_path):
+    config = scans(tmp_path, 1)
+    result = pipeline(
+        "build", "--config", config, "--output", tmp_path / "d", "--sensor", "Kinect9"
+    )
+    assert result.returncode == 2
+    assert "NormalGAN, KinectV2, TimeOfFlight, KinectV1, AzureKinect" in result.stderr
+    assert result.stderr.count("\n") == 1

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+import seeds
 from augment.sensors.azure import AzureKinect
 from augment.sensors.kinect_v1 import KinectV1
 from augment.sensors.kinect_v2 import KinectV2
@@ -29,4 +33,46 @@ def sensor_of(name: str, **parameters: Any) -> Sensor:
     return SENSORS[name](**parameters)
 
 
-__all__ = ["SENSORS", "Grid", "Reading", "Sensor", "sensor_of"]
+def read(
+    view: Mapping[str, np.ndarray], meta: Mapping[str, Any], index: int, draw: int = 0
+) -> Reading:
+    """What the sensor of a shard reads of one of its views; draw 0 is what the shard holds.
+
+    A loader may call it with another draw each epoch, and gets the same values on any machine.
+
+    Args:
+        view: a shard's `depth_front`, `normal_front`, `rgb_front` and `mask` of the view.
+        meta: the shard's.
+        index: of the view in the shard.
+        draw: which of the readings.
+
+    Raises:
+        ValueError: the shard's sensor is no model of this version.
+    """
+    sensor = sensor_of(
+        **{"name" if key == "model" else key: v for key, v in meta["sensor"].items()}
+    )
+    camera = meta["camera"]
+    return sensor.sense(
+        view["depth_front"],
+        view["normal_front"],
+        view["rgb_front"],
+        view["mask"],
+        Grid(camera["pixel_size"], camera["distance"]),
+        seeds.generator(meta["seed"], meta["subject"], "sensor", index, draw),
+    )
+
+
+__all__ = [
+    "SENSORS",
+    "AzureKinect",
+    "Grid",
+    "KinectV1",
+    "KinectV2",
+    "NormalGAN",
+    "Reading",
+    "Sensor",
+    "TimeOfFlight",
+    "read",
+    "sensor_of",
+]

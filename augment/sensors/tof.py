@@ -61,6 +61,9 @@ class TimeOfFlight(Sensor):
     """Standard deviation of either part of each phasor, in the same numbers."""
     jitter: float = 0.001275
     """Metres: standard deviation of distance that does not depend on the light."""
+    infrared_floor: float = 0.08
+    """Infrared brightness of what is black to the eye: most dyes are not, so cloth that looks
+    black returns some light (assumed; white is 1 in both)."""
     spread: float = 0.5
     """Weight of the neighbours' near parts in a pixel's sum: 0 is a pixel of its own."""
     background: float = 3.5
@@ -82,6 +85,7 @@ class TimeOfFlight(Sensor):
             "amplitude": self.amplitude > 0,
             "read_noise": self.read_noise >= 0,
             "jitter": self.jitter >= 0,
+            "infrared_floor": 0 <= self.infrared_floor <= 1,
             "spread": 0 <= self.spread <= 1,
             "background": self.background > 0,
             "background_albedo": 0 <= self.background_albedo <= 1,
@@ -190,7 +194,9 @@ class _Pixels:
         quarter = np.float32(view.grid.pixel_size / 4)
         across = np.clip(nx / nz, -STEEPEST_SLOPE, STEEPEST_SLOPE) * quarter
         down = np.clip(-ny / nz, -STEEPEST_SLOPE, STEEPEST_SLOPE) * quarter
-        returned = np.float32(sensor.amplitude / 4) * view.luminance_at
+        floor = np.float32(sensor.infrared_floor)
+        bright = floor + (1 - floor) * view.luminance_at
+        returned = np.float32(sensor.amplitude / 4) * bright
         returned = returned * np.maximum(view.cosine_at, 0) / (z * z)
 
         wall = sensor.amplitude / 4 * sensor.background_albedo / sensor.background**2

@@ -128,9 +128,23 @@ def test_a_body_beside_the_silhouette_is_drawn_whole_and_counts_for_no_height(
 
 
 def test_a_large_picture_is_drawn_smaller(build: Build, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = build({"a": {"maps": figure(80, 40)}, "b": {"maps": figure(80, 20)}})
-    monkeypatch.setattr(report.sheet, "LARGEST", len(COLUMNS) * 40 * 30)
-    assert red_boxes(sheet(folder, ["a", "b"], 0)) == [(40, 20), (40, 10)]
+    folder = build({"a": {"maps": figure(80, 60)}, "b": {"maps": figure(80, 30)}})
+    whole = sheet(folder, ["a", "b"], 0)
+    most = round(0.85 * whole.width * whole.height)
+    monkeypatch.setattr(report.sheet, "LARGEST", most)
+    page = sheet(folder, ["a", "b"], 0)
+    assert 0.9 * most < page.width * page.height <= most
+    (_, high), (_, low) = red_boxes(page)
+    assert 30 < high < 60
+    assert high == pytest.approx(2 * low, abs=1)
+
+
+def test_more_subjects_than_a_picture_can_show_are_refused(
+    build: Build, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report.sheet, "LARGEST", 1000)
+    with pytest.raises(ValueError, match="2 subjects are too many"):
+        sheet(build({"a": {"maps": figure(80, 40)}}), ["a", "a"], 0)
 
 
 def test_a_subject_that_is_not_seen_is_named(build: Build) -> None:

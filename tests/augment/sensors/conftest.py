@@ -228,7 +228,8 @@ def by_tof(scene: Scene, sensor: Any, rng: np.random.Generator) -> dict:
         if scene.mask[i, j]:
             down, right = slope(scene, i, j)
             own = float(scene.depth[i, j])
-            strength = float(scene.albedo[i, j]) * max(cosine(scene, i, j), 0) / own**2
+            bright = sensor.infrared_floor + (1 - sensor.infrared_floor) * float(scene.albedo[i, j])
+            strength = bright * max(cosine(scene, i, j), 0) / own**2
             z = own + ((a - 0.5) * down + (b - 0.5) * right) * GRID.pixel_size / 2
         return sensor.amplitude / 4 * strength * cmath.exp(4j * math.pi * f * z / LIGHT_SPEED)
 

@@ -173,7 +173,8 @@ class TestTimeOfFlight:
         bright, dark = plane(2.0, 0), plane(2.0, 0)
         dark.albedo[:] = 0.005
         assert bright.sense(sensor_of("tof")).valid.all()
-        assert dark.sense(sensor_of("tof")).valid.mean() < 0.01
+        assert dark.sense(sensor_of("tof", infrared_floor=0.0)).valid.mean() < 0.01
+        assert dark.sense(sensor_of("tof", infrared_floor=0.1)).valid.all()
         assert plane(2.0, 80).sense(sensor_of("tof")).valid.all()
         assert plane(2.0, 89.9).sense(sensor_of("tof")).valid.mean() < 0.2
 
