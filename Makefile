@@ -23,9 +23,10 @@ lint: $(TESTABLE)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# The picture in the README, from the demo's dataset.
+# The pictures in the README that come from the demo's dataset.
 picture: demo
 	$(BIN)/python -m report.sheet out/demo --subjects open_0000 open_0003 --output docs/demo.png
+	$(BIN)/python -m report.sensors out/demo --output docs/sensors.png
 
 HUMANS := out/humans
 
@@ -47,7 +48,7 @@ smoke: $(READY)
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --disable-pip-version-check \
-		-e '.[render,humans,dev]'
+		-e '.[render,humans,figures,dev]'
 	touch $@
 
 $(TESTABLE): $(READY)
