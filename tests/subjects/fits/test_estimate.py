@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle  # noqa: TID251 - written here, read only by the code under test
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from shards.dataset import Dataset
 from subjects.fits.estimate import Estimate, Picture, read_estimate
 from subjects.fits.estimates import Estimates
 from subjects.fits.fits import Fits
@@ -23,6 +26,7 @@ from subjects.meshfile import read_mesh
 from subjects.scans import Scans
 from subjects.wavefront import write_mesh
 
+ROOT = Path(__file__).parents[3]
 PICTURE = Picture()
 PLACE = Place("0525", "0525", "scan")
 FLIP = np.diag([1.0, -1.0, -1.0])
@@ -312,6 +316,54 @@ class TestPlacement:
             MeshError, match=r"estimate.*another size|_param\.pkl' is of another size"
         ):
             self.made(open_human, tmp_path, {"files": ["{folder}_param.pkl"]}, neutral)
+
+    def test_through_a_build(
+        self, fit: Any, neutral: Path, open_human: Path, tmp_path: Path
+    ) -> None:
+        """The maps of the shard are the estimate's, the exact body is kept beside it."""
+        scans = tmp_path / "scans" / "p"
+        scans.mkdir(parents=True)
+        for path in open_human.iterdir():
+            (scans / path.name.replace("open_0000", "p")).symlink_to(path)
+        values = pixie_values(fit, (1.0, 0.0, 0.0), np.array([100, 5, 420, 410]))
+        own = pose(neutral / "SMPLX_NEUTRAL.npz", parameters_from(values, HERE), False)
+        bounds = np.array(read_mesh(open_human / "open_0000.obj").bounds)
+        body = read_mesh(open_human / "body.obj").bounds
+        bounds[0, 1], bounds[1, 1] = min(bounds[0, 1], body[0][1]), max(bounds[1, 1], body[1][1])
+        true = fit.body.vertices @ turned(-127).T - bounds.mean(axis=0)
+        scale, shift = least_squares(own, in_pixels(true))
+        side = int(1.1 * 405)
+        per = 112 * side / 223
+        corner = np.array([520, 415]) / 2 - side / 2 + 0.5
+        values["body_cam"] = np.array([scale / per, *((shift - corner) / per - 1) / scale * per])
+        (tmp_path / "pixie" / "p").mkdir(parents=True)
+        pickled = pickle.dumps(values, protocol=2)
+        (tmp_path / "pixie" / "p" / "p_param.pkl").write_bytes(pickled)
+        data = tmp_path / "data"
+        for command in (
+            ["build", "--config", str(ROOT / "configs" / "scans.yaml"), "--output", str(data),
+             "--subjects.root", str(tmp_path / "scans"), "--subjects.pattern", "*/p.obj",
+             "--subjects.estimates.root", str(tmp_path / "pixie"), "--subjects.estimates.files",
+             '["{id}/{id}_param.pkl"]', "--subjects.models", str(neutral),
+             "--views.yaw_deg", "[0, 25]", "--cycles.samples", "2", "--jobs", "1"],
+            ["verify", str(data)],
+        ):  # fmt: skip
+            result = subprocess.run(
+                [sys.executable, str(ROOT / "pipeline.py"), *command],
+                capture_output=True, text=True, timeout=300, check=False,
+            )  # fmt: skip
+            assert result.returncode == 0, result.stdout + result.stderr
+        shard = Dataset(data).shard("p")
+        record = shard.meta["body_parameters"]
+        assert shard.meta["body"] == "subjects/p/estimated.obj"
+        assert record["model"] == "pixie"
+        assert record["fit"]["model"] == "mesh"
+        assert (data / "subjects" / "p" / "body.obj").is_file()
+        both = (shard["body_depth_front"] > 0) & shard["mask"]
+        assert both.sum() > 0.95 * (shard["body_depth_front"] > 0).sum()
+        # Brought to the clothes' front, half of the body's lies before it and half behind.
+        ahead = (shard["depth_front"] - shard["body_depth_front"])[0][both[0]]
+        assert abs(np.median(ahead)) < 2e-3
 
     def test_far_from_its_scan(
         self, fit: Any, neutral: Path, open_human: Path, tmp_path: Path
