@@ -49,7 +49,11 @@ def main(arguments: list[str] | None = None) -> int:
 def _run(given: list[str]) -> int:
     from jsonargparse import ArgumentParser
 
-    commands = {"build": (_add_build, _build), "verify": (_add_verify, _verify)}
+    commands = {
+        "build": (_add_build, _build),
+        "verify": (_add_verify, _verify),
+        "sweep": (_add_sweep, _sweep),
+    }
     parser = ArgumentParser(
         prog="pipeline.py", description=__doc__.splitlines()[0], exit_on_error=False
     )
@@ -88,6 +92,12 @@ def _explain(error: Exception, children: dict[str, ArgumentParser], given: list[
     """What is wrong with a call, in one line: the file and the key first, the cure last."""
     parser = children.get(given[0]) if given else None
     message = str(error)
+    # What may also be null is tried as that too: only the first attempt tells something.
+    optional = re.search(
+        r"Union subtypes.*?Errors:\s+- (\w+\.\w+: .*?)\s+- Expected a <", message, re.DOTALL
+    )
+    if optional:
+        message = optional[1]
     if isinstance(error, argparse.ArgumentError):
         message = _cure(message, parser)
         call = " ".join(["python pipeline.py", *(given[:1] if parser else [])])
@@ -109,6 +119,7 @@ _WORDS = {
     "tuple": "a list of three numbers, such as [0.3, 0.5, 0]",
     "are required: build.": "are required: --",
     "are required: verify.": "are required: ",
+    "are required: sweep.": "are required: --",
     "Does not validate against any of the Union subtypes": "is none of what it may be",
     '"<unicode string>", ': "",
 }
@@ -159,7 +170,7 @@ def _suggestion(message: str, parser: ArgumentParser) -> str:
 def _nearest(wrong: str, parser: ArgumentParser, used: str) -> str:
     """The option most like `wrong`, dotted, of the parser or of any class; `used` is in use."""
     owners = {action.dest: "" for action in parser._actions}
-    if "subjects" in owners:
+    if "sensor" in owners:  # the parser of a build
         from engine.config import CHOICES
 
         for key, kinds in CHOICES.items():
@@ -197,9 +208,10 @@ def _faulty_config(parser: ArgumentParser | None, given: list[str]) -> str | Non
     named += [word.removeprefix("--config=") for word in given if word.startswith("--config=")]
     if parser is None:
         return None
+    folders = [f"--{a.dest}=." for a in parser._actions if a.required]
     for name in named:
         try:
-            parser.instantiate(parser.parse_args(["--config", name, "--output", "."]))
+            parser.instantiate(parser.parse_args(["--config", name, *folders]))
         except (argparse.ArgumentError, ValueError):
             return name
     return None
@@ -244,22 +256,70 @@ def _build(parser: ArgumentParser, parsed: Any) -> int:
 
 
 def _add_verify(parser: ArgumentParser) -> None:
-    parser.add_argument("data", type=str, help="folder of the dataset")
+    parser.add_argument("data", type=str, help="folder of the dataset, or of a light sweep")
 
 
 def _verify(parser: ArgumentParser, parsed: Any) -> int:
     """Prove a dataset again: checksums, schema, and depth against an independent ray cast."""
+    from shards.sweep import base_folder, is_sweep, read_index
+
+    folder = Path(parsed.verify.data)
+    if not is_sweep(folder):
+        return DONE if _proven(folder) else FAILURES
+    with _users_errors():
+        base, powers = base_folder(folder), read_index(folder).values()
+    print(base)
+    sound = _proven(base)
+    for power in powers:
+        print(power)
+        sound &= _proven(power, lent=False)
+    return DONE if sound else FAILURES
+
+
+def _proven(folder: Path, lent: bool = True) -> bool:
+    """Whether a dataset is sound, said on the screen; `lent` as `verify` has it."""
     from engine.progress import Progress
     from shards.dataset import Dataset
     from shards.verify import verify
 
-    folder = Path(parsed.verify.data)
     with _users_errors():
         progress = Progress("verify", len(Dataset(folder)))
-    report = verify(folder, progress.step)
+    report = verify(folder, progress.step, lent)
     progress.close()
-    print(report.table())
-    return DONE if report.ok else FAILURES
+    if lent:
+        print(report.table())
+    else:
+        print(report.verdict())
+    return report.ok
+
+
+def _add_sweep(parser: ArgumentParser) -> None:
+    from jsonargparse import ActionConfigFile, set_parsing_settings
+    from jsonargparse.typing import PositiveInt
+
+    from engine.sweep import SweepConfig
+
+    set_parsing_settings(docstring_parse_attribute_docstrings=True)
+    parser.add_argument("--config", action=ActionConfigFile, help="YAML file, see configs/")
+    parser.add_argument("--data", type=str, required=True, help="folder of the dataset")
+    parser.add_argument("--output", type=str, required=True, help="folder of the sweep")
+    parser.add_argument(
+        "--jobs", type=PositiveInt | None, help="worker processes (default: one per processor)"
+    )
+    parser.add_class_arguments(SweepConfig)
+
+
+def _sweep(parser: ArgumentParser, parsed: Any) -> int:
+    """Photograph a dataset under many light powers, from one render of its light."""
+    from engine.sweep import Sweep, SweepConfig, sweep
+
+    given = parsed.sweep.as_dict()
+    with _users_errors():
+        made = parser.instantiate(parsed).sweep
+        config = SweepConfig(**{field.name: made[field.name] for field in fields(SweepConfig)})
+        work = Sweep(config, Path(given["data"]), Path(given["output"]))
+    with work:
+        return DONE if sweep(work, given["jobs"]) else FAILURES
 
 
 if __name__ == "__main__":

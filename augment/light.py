@@ -1,4 +1,4 @@
-"""From linear radiance to the colours of an image: the lamp's power, exposure, sRGB."""
+"""The lamp: its power, its place, and how much of its light reaches the colour sensor."""
 
 from __future__ import annotations
 
@@ -29,25 +29,13 @@ class LightConfig:
             raise ValueError(f"light.position: {self.position}; give three finite metres")
 
 
-def expose(radiance: np.ndarray, mask: np.ndarray, light: LightConfig) -> np.ndarray:
-    """sRGB bytes of a scene under `light`.
+def expose(radiance: np.ndarray, light: LightConfig) -> np.ndarray:
+    """Light on the colour sensor, 1 where it saturates: radiance x power x exposure.
 
     Direct light is linear in the lamp's power, so one radiance per watt serves every power.
 
     Args:
-        radiance: (..., 3) linear light per watt, Rec. 709 primaries.
-        mask: (...) bool; colour is 0 outside it.
-
-    Returns:
-        (..., 3) uint8: round(255 srgb(radiance x power x exposure)), clipped.
+        radiance: (..., 3) float32 linear light per watt, Rec. 709 primaries.
     """
-    image = np.zeros(radiance.shape, dtype=np.uint8)
-    scale = np.float32(light.power * light.exposure)
-    image[mask] = np.rint(255 * srgb(radiance[mask] * scale))
-    return image
-
-
-def srgb(linear: np.ndarray) -> np.ndarray:
-    """Linear light to sRGB in [0, 1], clipped (IEC 61966-2-1)."""
-    linear = np.clip(linear, 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    exposed: np.ndarray = radiance * np.float32(light.power * light.exposure)
+    return exposed

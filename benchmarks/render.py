@@ -23,6 +23,7 @@ from statistics import median
 import numpy as np
 
 from augment.light import LightConfig, expose
+from augment.photograph import develop
 from engine.workers import cpu_count, run
 from render.camera import Camera, CameraConfig, place_camera
 from render.capture import Capture, capture
@@ -150,7 +151,7 @@ def color_error(quick: Capture, reference: Capture) -> float:
     """Mean absolute difference inside the mask, sRGB 8-bit units, front and back."""
     errors = []
     for name in ("radiance_front", "radiance_back"):
-        a, b = (expose(getattr(c, name), c.mask, LightConfig()) for c in (quick, reference))
+        a, b = (develop(expose(getattr(c, name), LightConfig())) for c in (quick, reference))
         errors.append(np.abs(a.astype(np.int16) - b)[quick.mask].mean())
     return float(np.mean(errors))
 

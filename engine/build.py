@@ -16,6 +16,7 @@ from engine.tasks import ShardResult, Task, make_shard, make_subject, versions
 from engine.workers import WorkerDiedError, cpu_count, run
 from render.camera import FrameError
 from render.capture import CaptureError
+from shards.archive import ShardError
 from shards.atomic import atomic_write
 from shards.dataset import SHARDS, SUBJECTS, DatasetWriter
 from subjects.mesh import MeshError
@@ -129,24 +130,26 @@ def _stage(
     done = set()
     try:
         for task, result in run(function, tasks, workers, threads):
-            reason = None
+            why = None
             if isinstance(result, BaseException):
-                reason = _reason(result)
-                writer.fail(task.subject, name, reason)
+                why = reason(result)
+                writer.fail(task.subject, name, why)
             else:
                 done.add(task.subject)
                 if isinstance(result, ShardResult):
                     writer.add(task.subject, **asdict(result))
-            progress.step(task.subject, reason)
+            progress.step(task.subject, why)
     finally:
         progress.close()
     return [task for task in tasks if task.subject in done]
 
 
-def _reason(error: BaseException) -> str:
+def reason(error: BaseException) -> str:
     """One line for the user; an error that is none of theirs brings its traceback along."""
     text = " ".join(str(error).split())
-    if isinstance(error, (MeshError, FrameError, CaptureError, WorkerDiedError, OSError)):
+    if isinstance(
+        error, (MeshError, FrameError, CaptureError, ShardError, WorkerDiedError, OSError)
+    ):
         return text
     print("".join(traceback.format_exception(error)), file=sys.stderr)
     return f"a fault of the program, please report it: {type(error).__name__}: {text}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from augment.color_camera import ColorCamera
 from augment.light import LightConfig
 from augment.sensors import SENSORS, NormalGAN, Sensor
 from render.camera import CameraConfig
@@ -34,6 +35,8 @@ class BuildConfig:
     """The point light and the exposure."""
     cycles: CyclesConfig = field(default_factory=CyclesConfig)
     """How Blender's Cycles renders."""
+    color_camera: ColorCamera | None = None
+    """The camera whose noise the colours have, such as {"full_well": 8000}; null for none."""
     sensor: Sensor = field(default_factory=NormalGAN)
     """The depth sensor that looks at the front, with its parameters: NormalGAN, KinectV2,
     TimeOfFlight, KinectV1 or AzureKinect."""

@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 
 import seeds
-from augment.light import expose
+from augment.photograph import photograph
 from augment.sensors import read
 from engine.config import BuildConfig
 from engine.memory import PeakMemory
 from render.camera import place_camera
-from render.capture import Capture, capture
+from render.capture import Capture, CaptureError, capture
 from shards.archive import write_shard
 from shards.atomic import atomic_write
 from shards.checksum import file_sha256
-from shards.schema import SCHEMA_VERSION
+from shards.schema import RADIANCE_WATTS, SCHEMA_VERSION
 from subjects.subject import Subject
 
 RECORD = "subject.json"
@@ -135,7 +135,7 @@ def make_shard(task: Task) -> ShardResult:
         config.cycles,
         task.threads,
     )
-    members = _members(seen, yaw_deg, config)
+    members = _members(seen, yaw_deg, subject.id, config)
     meta = {
         "schema_version": SCHEMA_VERSION,
         "subject": subject.id,
@@ -159,6 +159,7 @@ def make_shard(task: Task) -> ShardResult:
             "center_height": camera.center_height,
         },
         "light": asdict(config.light),
+        "color_camera": None if config.color_camera is None else asdict(config.color_camera),
         "cycles": asdict(config.cycles),
         "sensor": {"model": config.sensor.name, **asdict(config.sensor)},
         "seed": config.seed,
@@ -170,8 +171,16 @@ def make_shard(task: Task) -> ShardResult:
     return ShardResult(*written, time.monotonic() - start, subject.licence)
 
 
-def _members(seen: Capture, yaw_deg: np.ndarray, config: BuildConfig) -> dict[str, np.ndarray]:
+def _members(
+    seen: Capture, yaw_deg: np.ndarray, subject: str, config: BuildConfig
+) -> dict[str, np.ndarray]:
     """A shard's arrays from what the cameras saw, but for the sensor's."""
+
+    def colors(radiance: np.ndarray, name: str) -> np.ndarray:
+        foreground = (light[mask] for light, mask in zip(radiance, seen.mask, strict=True))
+        key = (config.seed, subject, name)
+        return photograph(foreground, seen.mask, config.light, config.color_camera, key)
+
     members = {
         "yaw_deg": yaw_deg,
         "camera_to_world": seen.camera_to_world,
@@ -180,15 +189,29 @@ def _members(seen: Capture, yaw_deg: np.ndarray, config: BuildConfig) -> dict[st
         "depth_back": seen.depth_back,
         "normal_front": seen.normal_front.astype(np.float16),
         "normal_back": seen.normal_back.astype(np.float16),
-        "rgb_front": expose(seen.radiance_front, seen.mask, config.light),
-        "rgb_back": expose(seen.radiance_back, seen.mask, config.light),
+        "rgb_front": colors(seen.radiance_front, "rgb_front"),
+        "rgb_back": colors(seen.radiance_back, "rgb_back"),
         "body_depth_front": seen.body_depth_front,
         "body_depth_back": seen.body_depth_back,
     }
     if config.shards.radiance:
-        members["radiance_front"] = seen.radiance_front.astype(np.float16)
-        members["radiance_back"] = seen.radiance_back.astype(np.float16)
+        members["radiance_front"] = _half(seen.radiance_front)
+        members["radiance_back"] = _half(seen.radiance_back)
     return members
+
+
+def _half(radiance: np.ndarray) -> np.ndarray:
+    """Light per watt as a shard keeps it.
+
+    Raises:
+        CaptureError: it is too bright for half precision.
+    """
+    if radiance.max() * RADIANCE_WATTS > np.finfo(np.float16).max:
+        raise CaptureError(
+            f"the lamp lights a place with {radiance.max():.3g} per watt, more than half precision "
+            "holds; move light.position away from the surface, or set shards.radiance false"
+        )
+    return (radiance * np.float32(RADIANCE_WATTS)).astype(np.float16)
 
 
 def _readings(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -143,6 +144,41 @@ def capture(
         dropped_pixels=dropped,
         **maps,
     )
+
+
+def capture_radiance(
+    surface: Mesh,
+    camera: Camera,
+    yaw: np.ndarray,
+    mask: np.ndarray,
+    light_position: tuple[float, float, float],
+    cycles: CyclesConfig,
+    threads: int,
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The colour of `capture` alone, view by view, to the bit. Needs `bpy`.
+
+    Args:
+        surface: the clothed surface in the subject's world, metres.
+        yaw: (V,) radians.
+        mask: (V, H, W) bool, the silhouettes of `capture`.
+        light_position: of the point light, metres in the frame of the camera that sees it.
+        threads: CPU threads Cycles may use.
+
+    Yields:
+        front and back of a view: (H, W, 3) float32 linear light (Rec. 709 primaries) per watt of
+        the lamp; 0 outside the mask.
+    """
+    from render.scene import Scene, Surface, reset
+
+    reset()
+    shown = Surface(surface, textured=True)
+    beauty = Scene("beauty", shown, camera, cycles, light_position=light_position, threads=threads)
+    with tempfile.TemporaryDirectory(prefix="rectoverso-") as name:
+        for angle, silhouette in zip(yaw, mask, strict=True):
+            inside = silhouette[..., None]
+            front, back = (_radiance(beauty, angle, side, Path(name)) for side in (False, True))
+            yield np.where(inside, front, np.float32(0)), np.where(inside, back, np.float32(0))
+    reset()  # gives the memory back
 
 
 def _truth(scene: Scene, yaw: float, back: bool, folder: Path) -> Side:

@@ -46,6 +46,7 @@ def write_shard(
     arrays: Mapping[str, np.ndarray],
     meta: Mapping[str, Any],
     compression: Compression = "stored",
+    base: Shard | None = None,
 ) -> tuple[int, str]:
     """Write one shard, whole or not at all.
 
@@ -54,6 +55,7 @@ def write_shard(
         arrays: every member but `meta`, as `schema.MEMBERS` has them.
         meta: JSON-ready, as `schema.check_meta` wants it.
         compression: "stored" to be mapped into memory, "deflate" to be passed on.
+        base: the shard that `meta["base"]` names; members that are not given are its own.
 
     Returns:
         the file's size in bytes and its SHA-256 in hex.
@@ -63,7 +65,9 @@ def write_shard(
     """
     if compression not in _METHODS:
         raise ValueError(f"compression {compression!r} is unknown; use {' or '.join(_METHODS)}")
-    size = schema.check_arrays(arrays)
+    if (base is None) != ("base" not in meta):
+        raise schema.SchemaError("meta.base and a base shard come together, but one is missing")
+    size = schema.check_arrays(arrays if base is None else {**base.members, **arrays})
     try:
         text = json.dumps(meta, sort_keys=True, allow_nan=False, ensure_ascii=False)
     except (TypeError, ValueError) as error:
@@ -129,16 +133,25 @@ class Shard:
     its own time only, so shards can be pickled, forked and kept by the thousand. The first
     `shard[name]` maps the file, which holds one descriptor until `close`.
 
+    A shard may name another as its base and hold only what differs, such as colours under another
+    light: it reads as one shard with all members.
+
     Attributes:
-        path: the file.
-        members: name -> StoredMember, `meta` left out, in the file's order.
+        path: the file; of one with a base, DATASET/shards/SUBJECT.npz.
+        members: name -> StoredMember, `meta` left out, in the file's order, the base's first.
         meta: the meta data.
+        base: the shard that holds the members that this file does not, or None.
+
+    Args:
+        path: the npz.
+        alone: refuse a shard that has a base.
 
     Raises:
-        ShardError: if the file is missing, torn, no npz, or holds Python objects.
+        ShardError: if the file is missing, torn, no npz, or holds Python objects, or if its base
+            is, or is another than the one that it was made for.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, *, alone: bool = False) -> None:
         self.path = Path(path)
         self._map: mmap.mmap | None = None
         with _errors_named(self.path), self.path.open("rb") as file:
@@ -152,6 +165,32 @@ class Shard:
             if not isinstance(self.meta, dict):
                 raise ValueError("member 'meta' is no JSON object")
         del self.members[schema.META]
+        self.base: Shard | None = None
+        self._own = frozenset(self.members)
+        if "base" in self.meta:
+            self.base = self._open_base(self.meta["base"], alone)
+            self.members = {**self.base.members, **self.members}
+
+    def _open_base(self, named: Any, alone: bool) -> Shard:
+        try:
+            schema.check_base(named)
+        except schema.SchemaError as error:
+            raise ShardError(f"{self.path}: {error}; build it again") from None
+        if alone:
+            raise ShardError(f"{self.path} has a base itself; take that one as the base")
+        # Files that a shard names lie below the dataset that holds it.
+        path = self.path.parent.parent / named["shard"]
+        if not path.is_file():
+            raise ShardError(
+                f"{path} is missing, and {self.path} lacks what it holds; "
+                "bring that dataset back, or link it there anew"
+            )
+        if path.stat().st_size != named["bytes"]:
+            raise ShardError(
+                f"{path} is another file than {self.path} was made for; "
+                "make the latter again from it"
+            )
+        return Shard(path, alone=True)
 
     def __repr__(self) -> str:
         return f"Shard({str(self.path)!r})"
@@ -168,9 +207,16 @@ class Shard:
         """The members it holds, `meta` left out."""
         return tuple(self.members)
 
+    @property
+    def lent(self) -> tuple[str, ...]:
+        """The members among them that its base holds."""
+        return tuple(name for name in self.members if name not in self._own)
+
     def __getitem__(self, name: str) -> np.ndarray:
         """The whole member, read-only: a memory map where stored, read where deflated."""
         member = self._member(name)
+        if self.base is not None and name not in self._own:
+            return self.base[name]
         with _errors_named(self.path):
             if member.offset is None:
                 with self.path.open("rb") as file:
@@ -196,17 +242,23 @@ class Shard:
         if not 0 <= index < len(self):
             raise IndexError(f"{self.path}: view {index} is not among 0 to {len(self) - 1}")
         wanted = {name: self._member(name) for name in (self.names if names is None else names)}
+        lent = {}
+        if self.base is not None:
+            lent = self.base.view(index, [name for name in wanted if name not in self._own])
         with _errors_named(self.path), self.path.open("rb", buffering=0) as file:
-            return {
+            return lent | {
                 name: _read_whole(file, name)[index].copy()
                 if member.offset is None
                 else _read_view(file, member, index)
                 for name, member in wanted.items()
+                if name not in lent
             }
 
     def close(self) -> None:
         """Forget the map; arrays already handed out stay good."""
         self._map = None
+        if self.base is not None:
+            self.base.close()
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_map": None}

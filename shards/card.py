@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from shards import schema
@@ -31,14 +31,15 @@ _CARD = """# {name}
 import json
 import numpy as np
 
-shard = np.load("{example}")
+shard = np.load("shards/{example}.npz")
 meta = json.loads(str(shard["meta"]))
-depth = shard["depth_front"]  # (V, H, W) metres, 0 where there is no surface
-thickness = shard["depth_back"] - depth  # front and back share one grid of pixels
+color = shard["rgb_front"]  # (V, H, W, 3) sRGB bytes
+{base}depth = {depths}["depth_front"]  # (V, H, W) metres, 0 where there is no surface
+thickness = {depths}["depth_back"] - depth  # front and back share one grid of pixels
 ```
-
+{lent}
 `manifest.jsonl` lists every finished shard with its SHA-256 and its split; what it does not list
-is no part of the dataset. `subjects/` holds the surfaces, `failures.jsonl` the subjects that
+is no part of the dataset. `{surfaces}/` holds the surfaces, `failures.jsonl` the subjects that
 could not be made, and `dataset.json` describes it all after Croissant 1.1.
 
 ## Members of a shard
@@ -61,12 +62,20 @@ Built by Rectoverso, schema {schema_version}, from the configuration with the SH
 """
 
 
+_LENT = """
+These shards share {members} with the dataset that `base` links to, and do not hold them again.
+`shards.archive.Shard` reads both as one. To pass this dataset on, copy it with its links followed
+(`cp -rL`), or pass both on side by side.
+"""
+
+
 def render_card(
     name: str,
     description: str,
     facts: Mapping[str, Any],
     licences: Mapping[str, int],
     members: Mapping[str, schema.ArrayLike],
+    lent: Collection[str] = (),
 ) -> str:
     """The card's text, Markdown.
 
@@ -76,6 +85,7 @@ def render_card(
         facts: the `rectoverso` block of dataset.json.
         licences: licence -> number of subjects under it.
         members: name -> shape and type in one of the shards; empty if there is none.
+        lent: names of the members that lie in the shards of the dataset linked at `base`.
     """
     counts = facts["counts"]
     height, width = members["mask"].shape[1:] if members else ("-", "-")
@@ -88,7 +98,11 @@ def render_card(
         width=width,
         megabytes=facts["totals"]["bytes"] / 1e6,
         licences=_licences_text(licences),
-        example=f"shards/{example}.npz",
+        example=example,
+        base=f'base = np.load("base/shards/{example}.npz")\n' if lent else "",
+        surfaces="base/subjects" if lent else "subjects",
+        depths="base" if lent else "shard",
+        lent=_LENT.format(members=", ".join(f"`{name}`" for name in lent)) if lent else "",
         members="\n".join(
             f"| `{member.name}` | {member.shape_text} | {member.dtype.name} | {member.meaning} |"
             for member in schema.MEMBERS.values()

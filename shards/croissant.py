@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from shards import schema
@@ -58,6 +58,15 @@ _CONTEXT: dict[str, Any] = {
 }
 """The context that the specification prescribes, and `rectoverso`."""
 
+_BASE_SHARDS = {
+    "@type": "cr:FileSet",
+    "@id": "base-shards",
+    "name": "base-shards",
+    "description": "The shards of the dataset linked at base: what those of this one do not hold.",
+    "encodingFormat": "application/x-npz",
+    "includes": "base/shards/*.npz",
+}
+
 _DATA_TYPES = {"b": "sc:Boolean", "u": "cr:UInt8", "f2": "cr:Float16", "f4": "cr:Float32"}
 _DATA_TYPES["f8"] = "cr:Float64"
 
@@ -67,6 +76,7 @@ def describe(
     description: str,
     entries: Iterable[Entry],
     members: Mapping[str, schema.ArrayLike],
+    lent: Collection[str] = (),
 ) -> dict[str, Any]:
     """The Croissant document of a dataset.
 
@@ -75,8 +85,13 @@ def describe(
         description: a sentence or two.
         entries: the finished shards.
         members: name -> shape and type in one of the shards; empty before the first.
+        lent: names of the members that lie in the shards of the dataset linked at `base`.
     """
     entries = list(entries)
+    fields = [
+        _array_field(name, array, "base-shards" if name in lent else "shards")
+        for name, array in members.items()
+    ]
     return {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
@@ -95,6 +110,7 @@ def describe(
                 "encodingFormat": "application/x-npz",
                 "includes": "shards/*.npz",
             },
+            *([_BASE_SHARDS] if lent else []),
         ],
         "recordSet": [
             {
@@ -103,7 +119,7 @@ def describe(
                 "name": "subjects",
                 "description": "One record for each subject's shard; views lead every array.",
                 "key": {"@id": "subjects/subject"},
-                "field": [_subject_field(), *(_array_field(n, a) for n, a in members.items())],
+                "field": [_subject_field(), *fields],
             }
         ],
     }
@@ -136,7 +152,7 @@ def _subject_field() -> dict[str, Any]:
     }
 
 
-def _array_field(name: str, array: schema.ArrayLike) -> dict[str, Any]:
+def _array_field(name: str, array: schema.ArrayLike, files: str) -> dict[str, Any]:
     kind = array.dtype.kind
     code = kind if kind in "bu" else f"{kind}{array.dtype.itemsize}"
     return {
@@ -148,5 +164,5 @@ def _array_field(name: str, array: schema.ArrayLike) -> dict[str, Any]:
         "isArray": True,
         # Shards of one dataset may differ in their number of views, never in their images.
         "arrayShape": ",".join(["-1", *(str(n) for n in array.shape[1:])]),
-        "source": {"fileSet": {"@id": "shards"}, "extract": {"column": name}},
+        "source": {"fileSet": {"@id": files}, "extract": {"column": name}},
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
@@ -33,6 +34,8 @@ DOCUMENT = "dataset.json"
 MANIFEST = "manifest.jsonl"
 FAILURES = "failures.jsonl"
 CARD = "README.md"
+BASE = "base"
+"""Link to the dataset that holds what the shards of this one do not."""
 SHARDS = "shards"
 SUBJECTS = "subjects"
 
@@ -63,6 +66,8 @@ class DatasetWriter:
         planned: the ids of the subjects to make.
         seed: of the split.
         versions: what makes the shards, name -> version.
+        base: the dataset whose shards those of this one refer to, subject by subject; the split
+            is its own then. It is linked at `BASE`, and a shard whose base changed is made again.
 
     Raises:
         DatasetError: if the folder holds a dataset of another configuration, or anything else,
@@ -77,15 +82,21 @@ class DatasetWriter:
         planned: Iterable[str],
         seed: int,
         versions: Mapping[str, str],
+        base: Dataset | None = None,
     ) -> None:
         self.folder = Path(folder)
+        self.base = base
         self.config: dict[str, Any] = json.loads(json.dumps(config, allow_nan=False))
         self.versions = dict(versions)
         self.planned = sorted(schema.check_subject_id(subject) for subject in planned)
         for subject, count in Counter(self.planned).items():
             if count > 1:
                 raise DatasetError(f"subject {subject!r} is planned {count} times; name each once")
-        self.splits = split_subjects(self.planned, seed)
+        self.splits = (
+            split_subjects(self.planned, seed)
+            if base is None
+            else {subject: base.manifest[subject].split for subject in self.planned}
+        )
         self._seed = seed
         self._entries: dict[str, Entry] = {}
         self._failures: dict[str, dict[str, str]] = {}
@@ -184,11 +195,14 @@ class DatasetWriter:
             shard = Shard(path)
             meta = shard.meta
             schema.check_meta(meta, *schema.check_arrays(shard.members))
+            if self.base is not None:
+                # Whether that one is sound is for its own dataset to know.
+                return bool(meta["base"]["sha256"] == self.base.manifest[entry.subject].sha256)
             if meta["body"] is not None and not (self.folder / meta["body"]).is_file():
                 return False
             files = {meta["mesh"]: meta["mesh_sha256"], **meta.get("files", {})}
             return all(file_sha256(self.folder / f) == sha256 for f, sha256 in files.items())
-        except (OSError, ShardError, schema.SchemaError):
+        except (OSError, ShardError, schema.SchemaError, KeyError):
             return False
 
     def _claim_folder(self) -> IO[bytes]:
@@ -214,8 +228,11 @@ class DatasetWriter:
             # First of all files, so that a build killed at any later instant finds its own. One
             # that has no shard yet may still change its mind about the configuration.
             self._write_descriptions()
-        for name in (SHARDS, SUBJECTS):
-            (self.folder / name).mkdir(exist_ok=True)
+        (self.folder / SHARDS).mkdir(exist_ok=True)
+        if self.base is None:
+            (self.folder / SUBJECTS).mkdir(exist_ok=True)
+        else:
+            self._link_base(self.base)
         listed = read_manifest(self.folder / MANIFEST)
         self.unplanned = sorted(listed.keys() - self.splits.keys())
         self._entries = {
@@ -227,6 +244,17 @@ class DatasetWriter:
         write_json_lines(self.folder / FAILURES, ())
         # A torn last line must go before the next line is appended to it.
         write_manifest(self.folder / MANIFEST, self._entries)
+
+    def _link_base(self, base: Dataset) -> None:
+        """A relative link, so that both can be moved together."""
+        link = self.folder / BASE
+        target = os.path.relpath(base.folder.resolve(), self.folder.resolve())
+        if link.is_symlink() and str(link.readlink()) != target:
+            link.unlink()
+        if not link.is_symlink():
+            if link.exists():
+                raise DatasetError(f"{link} is no link; move it away, {base.folder} goes there")
+            link.symlink_to(target, target_is_directory=True)
 
     def _refuse_other_config(self, block: Mapping[str, Any]) -> None:
         if block["config_sha256"] == config_sha256(self.config):
@@ -247,10 +275,11 @@ class DatasetWriter:
     def _write_descriptions(self) -> None:
         """dataset.json and README.md; they depend on config and shards, not on time or place."""
         members: dict[str, StoredMember] = {}
+        lent: tuple[str, ...] = ()
         views = 0
         for subject in sorted(self._entries):
             shard = Shard(self.shard_path(subject))
-            members = members or shard.members
+            members, lent = members or shard.members, lent or shard.lent
             views += len(shard)
         entries = [self._entries[subject] for subject in sorted(self._entries)]
         splits: dict[Split, list[str]] = {
@@ -276,9 +305,9 @@ class DatasetWriter:
             "totals": {"bytes": sum(entry.bytes for entry in entries)},
         }
         name = f"rectoverso-{sha256[:8]}"
-        document = {**describe(name, _DESCRIPTION, entries, members), _BLOCK: block}
+        document = {**describe(name, _DESCRIPTION, entries, members, lent), _BLOCK: block}
         licences = Counter(entry.licence for entry in entries)
-        card = render_card(name, _DESCRIPTION, block, licences, members)
+        card = render_card(name, _DESCRIPTION, block, licences, members, lent)
         text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False)
         with atomic_write(self.folder / DOCUMENT) as file:
             file.write(text.encode() + b"\n")

@@ -11,10 +11,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 DROPPED_LIMIT = 2e-4
 """Largest part of a view's silhouette that only one of the two cameras may have hit."""
+
+RADIANCE_WATTS = 1e5
+"""Power of the lamp that `radiance_*` are light of. Light per watt of a dim, grazed surface falls
+among the half-precision numbers that have few digits."""
 
 _SUBJECT_ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]*")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -90,7 +94,7 @@ MEMBERS: dict[str, Member] = {
         _member("depth_sensor_more", ("D", *_IMAGE), "<f4", "further readings of the same", True),
         _member("body_depth_front", _IMAGE, "<f4", "nearest surface of the parametric body"),
         _member("body_depth_back", _IMAGE, "<f4", "farthest surface of the parametric body"),
-        _member("radiance_front", _IMAGE3, "<f2", "linear light per watt of the lamp", True),
+        _member("radiance_front", _IMAGE3, "<f2", "linear light per 100 kW of the lamp", True),
         _member("radiance_back", _IMAGE3, "<f2", "the same of the back", True),
     )
 }
@@ -231,6 +235,8 @@ def check_meta(meta: Mapping[str, Any], views: int, height: int, width: int) -> 
         check_relative_path(name, "meta.files")
         if not isinstance(sha256, str) or not _SHA256.fullmatch(sha256):
             raise SchemaError(f"meta.files has {sha256!r} for '{name}', not 64 hex digits")
+    if "base" in meta:
+        check_base(meta["base"])
     _check_similarity(meta["mesh_to_world"])
     if meta["camera"]["size"] != [height, width]:
         raise SchemaError(
@@ -243,6 +249,21 @@ def check_meta(meta: Mapping[str, Any], views: int, height: int, width: int) -> 
         raise SchemaError(
             f"meta.dropped_pixels is {dropped}, not one count for each of {views} views"
         )
+
+
+def check_base(base: Any) -> None:
+    """Check the `base` of a meta: the shard that holds the members that its own does not.
+
+    Raises:
+        SchemaError: if it is no object of shard (path below the dataset), bytes and sha256.
+    """
+    if not isinstance(base, dict) or set(base) != {"shard", "bytes", "sha256"}:
+        raise SchemaError(f"meta.base is {base!r}, no object of shard, bytes and sha256")
+    check_relative_path(base["shard"], "meta.base.shard")
+    if type(base["bytes"]) is not int:
+        raise SchemaError(f"meta.base.bytes is {base['bytes']!r}, which is no int")
+    if not isinstance(base["sha256"], str) or not _SHA256.fullmatch(base["sha256"]):
+        raise SchemaError(f"meta.base.sha256 is {base['sha256']!r}, not 64 hex digits")
 
 
 def _check_finite(meta: Mapping[str, Any]) -> None:

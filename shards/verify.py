@@ -100,12 +100,20 @@ class Report:
             ).rstrip()
             for row in rows
         ]
+        return "\n".join([*lines, "", self.verdict()])
+
+    def verdict(self) -> str:
+        """Whether it is sound, or the breaches."""
         count = len(self.breaches)
-        found = [f"{count} breach{'es' if count > 1 else ''}:" if count else "sound"]
-        return "\n".join([*lines, "", *found, *self.breaches])
+        found = f"{count} breach{'es' if count > 1 else ''}:" if count else "sound"
+        return "\n".join([found, *self.breaches])
 
 
-def verify(folder: Path | str, progress: Callable[[str], None] = lambda subject: None) -> Report:
+def verify(
+    folder: Path | str,
+    progress: Callable[[str], None] = lambda subject: None,
+    lent: bool = True,
+) -> Report:
     """Prove a dataset again, from its files alone.
 
     Checksums and the contract are checked for every view. Masks, depths and normals, the body's
@@ -114,6 +122,8 @@ def verify(folder: Path | str, progress: Callable[[str], None] = lambda subject:
     Args:
         folder: the dataset's.
         progress: called with a subject's id when it is done.
+        lent: whether what a shard's base holds is compared with rays too, or was proven with the
+            base; its checksum is checked in any case.
 
     Raises:
         DatasetError: if the folder holds no dataset, or its dataset.json or manifest cannot be
@@ -123,7 +133,7 @@ def verify(folder: Path | str, progress: Callable[[str], None] = lambda subject:
     report = Report()
     _check_folder(dataset, report.breaches)
     for subject, entry in dataset.manifest.items():
-        check = _SubjectCheck(dataset, entry)
+        check = _SubjectCheck(dataset, entry, lent)
         try:
             check.run()
         except (ShardError, schema.SchemaError) as error:
@@ -166,9 +176,10 @@ def _check_folder(dataset: Dataset, breaches: list[str]) -> None:
 class _SubjectCheck:
     """The checks of one subject, from cheap to dear; `breaches` and `figures` fill up."""
 
-    def __init__(self, dataset: Dataset, entry: Entry) -> None:
+    def __init__(self, dataset: Dataset, entry: Entry, lent: bool) -> None:
         self.dataset = dataset
         self.entry = entry
+        self.lent = lent
         self.breaches: list[str] = []
         self.figures: dict[str, float] = {}
 
@@ -181,12 +192,15 @@ class _SubjectCheck:
         shard = self.dataset.shard(self.entry.subject)
         count, height, width = schema.check_arrays(shard.members)
         schema.check_meta(shard.meta, count, height, width)
+        self._check_base(shard)
         for key, due in (("subject", self.entry.subject), ("licence", self.entry.licence)):
             if shard.meta[key] != due:
                 self.breach(f"meta.{key} is {shard.meta[key]!r}, the manifest says {due!r}")
         arrays = {name: shard[name] for name in shard.names}
-        surface = self._surface(shard, "mesh")
-        body = self._surface(shard, "body") if shard.meta["body"] is not None else None
+        surface = body = None
+        if self.lent or shard.base is None:
+            surface = self._surface(shard, "mesh")
+            body = self._surface(shard, "body") if shard.meta["body"] is not None else None
         for view in range(count):
             maps = {name: array[view] for name, array in arrays.items()}
             self._check_maps(view, maps)
@@ -213,6 +227,13 @@ class _SubjectCheck:
             )
         elif digest != self.entry.sha256:
             self.breach(f"{path} has another sha256 than the manifest; delete it and build again")
+
+    def _check_base(self, shard: Shard) -> None:
+        if shard.base is not None and file_sha256(shard.base.path) != shard.meta["base"]["sha256"]:
+            self.breach(
+                f"{shard.base.path} has another sha256 than {shard.path} was made for; "
+                "make the latter again from it"
+            )
 
     def _surface(self, shard: Shard, key: str) -> Surface | None:
         """The mesh that meta names under `key`, or None and a breach."""

@@ -40,6 +40,9 @@ def read(
 
     A loader may call it with another draw each epoch, and gets the same values on any machine.
 
+    The device brings its own light: of a shard with a base, under another lamp, give the view and
+    the meta of `shard.base`.
+
     Args:
         view: a shard's `depth_front`, `normal_front`, `rgb_front` and `mask` of the view.
         meta: the shard's.
@@ -47,8 +50,13 @@ def read(
         draw: which of the readings.
 
     Raises:
-        ValueError: the shard's sensor is no model of this version.
+        ValueError: the shard's sensor is no model of this version, or its colours are of another
+            lamp than the sensor's readings.
     """
+    if "base" in meta:
+        raise ValueError(
+            "the sensor read the colours of the shard's base; give the view and meta of shard.base"
+        )
     sensor = sensor_of(
         **{"name" if key == "model" else key: v for key, v in meta["sensor"].items()}
     )

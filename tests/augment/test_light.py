@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from augment.light import LightConfig, expose, srgb
+from augment.color_camera import ColorCamera
+from augment.light import LightConfig, expose
+from augment.photograph import develop, photograph
+from augment.srgb import srgb
 
 
 def test_the_srgb_curve_at_published_points():
@@ -16,14 +19,42 @@ def test_the_srgb_curve_at_published_points():
 
 
 def test_power_and_exposure_multiply_and_the_background_is_black():
-    radiance = np.full((2, 2, 3), 1e-4, dtype=np.float32)
-    mask = np.array([[True, False], [True, True]])
-    image = expose(radiance, mask, LightConfig(power=1000.0, exposure=2.15861))
+    radiance = np.full((3, 3), 1e-4, dtype=np.float32)
+    mask = np.array([[[True, False], [True, True]]])
+    light = LightConfig(power=1000.0, exposure=2.15861)
+    image = photograph([radiance], mask, light, None, (0, "a", "rgb_front"))
     assert image.dtype == np.uint8
+    assert image.shape == (1, 2, 2, 3)
     assert (image[mask] == 128).all()
     assert not image[~mask].any()
-    same = expose(radiance, mask, LightConfig(power=500.0, exposure=4.31722))
-    np.testing.assert_array_equal(image, same)
+    same = LightConfig(power=500.0, exposure=4.31722)
+    np.testing.assert_array_equal(
+        image, photograph([radiance], mask, same, None, (0, "a", "rgb_front"))
+    )
+    np.testing.assert_allclose(expose(radiance, light), 0.215861, rtol=1e-6)
+    np.testing.assert_array_equal(develop(np.array([0.0, 0.2159, 1.0, 9.0])), [0, 128, 255, 255])
+
+
+def test_noise_is_keyed_by_all_that_names_a_photograph():
+    """Seed, subject, member, power, view and draw: each gives other noise, and the same again."""
+    mask = np.ones((2, 20, 20), dtype=bool)
+    radiance = [np.full((400, 3), 1e-3, dtype=np.float32)] * 2
+    base = {"seed": 1, "subject": "a", "member": "rgb_front", "power": 1000.0, "draw": 0}
+
+    def shoot(**change: object) -> np.ndarray:
+        given = base | change
+        light = LightConfig(power=given["power"], exposure=200 / given["power"])
+        key = (given["seed"], given["subject"], given["member"])
+        return photograph(radiance, mask, light, ColorCamera(), key, given["draw"])
+
+    images = shoot()
+    assert shoot().tobytes() == images.tobytes()
+    assert images[0].tobytes() != images[1].tobytes()
+    changes = ({"seed": 2}, {"subject": "b"}, {"member": "rgb_back"}, {"power": 900.0}, {"draw": 1})
+    for change in changes:
+        other = shoot(**change).astype(float)
+        assert np.corrcoef(other.ravel(), images.ravel())[0, 1] < 0.1, change
+        assert other.mean() == pytest.approx(images.mean(), rel=0.01)
 
 
 @pytest.mark.parametrize(

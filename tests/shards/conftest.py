@@ -101,7 +101,7 @@ def closed_form_arrays(views: int = len(YAWS)) -> dict[str, np.ndarray]:
 def closed_form_meta(subject: str, views: int = len(YAWS)) -> dict:
     """The box's meta data."""
     return {
-        "schema_version": 1,
+        "schema_version": 2,
         "subject": subject,
         "source": "closed form",
         "licence": "CC0-1.0",

@@ -29,7 +29,7 @@ from shards import schema
 from shards.archive import write_shard
 size = 14, 424, 512
 arrays = {n: np.zeros(m.shape(*size), m.dtype) for n, m in schema.MEMBERS.items()}
-meta = dict(schema_version=1, subject="box", source="", licence="CC0-1.0", mesh="subjects/box.obj",
+meta = dict(schema_version=2, subject="box", source="", licence="CC0-1.0", mesh="subjects/box.obj",
     mesh_to_world=np.eye(4).tolist(), mesh_sha256="0" * 64, body=None, body_parameters={},
     camera=dict(size=size[1:], pixel_size=0.005, distance=2.0, center_height=0.9),
     light=dict(power=1.0, position=[0, 0, 0], exposure=1.0), cycles={}, sensor=dict(model="none"),

@@ -367,8 +367,8 @@ def test_a_build_killed_at_its_very_start_can_begin_again(folder, open_writer):
 
 def test_another_schema_is_refused(whole):
     path = whole / "dataset.json"
-    path.write_text(path.read_text().replace('"schema_version": 1', '"schema_version": 99'))
-    with pytest.raises(DatasetError, match="has schema 99, this program reads 1"):
+    path.write_text(path.read_text().replace('"schema_version": 2', '"schema_version": 99'))
+    with pytest.raises(DatasetError, match="has schema 99, this program reads 2"):
         Dataset(whole)
 
 

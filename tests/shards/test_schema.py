@@ -51,7 +51,7 @@ def test_unknown_members_and_wrong_byte_order_are_refused(arrays):
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("schema_version", 2, "schema_version is 2"),
+        ("schema_version", 1, "schema_version is 1"),
         ("schema_version", True, "schema_version is True"),
         ("subject", "../box", "subject id '../box'"),
         ("mesh", "/etc/passwd", "meta.mesh: '/etc/passwd'"),

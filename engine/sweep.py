@@ -1,0 +1,385 @@
+"""Many light powers from one render: a dataset's colours under other lamps, the rest by reference.
+
+Direct light is linear in the lamp's power, so the radiance of one render, or of a shard that kept
+it, gives the image of every power (section 4.6 of the paper: twenty, from 2000 W down to 100 W).
+"""
+
+from __future__ import annotations
+
+import platform
+import sys
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from augment.color_camera import ColorCamera
+from augment.light import LightConfig
+from augment.photograph import photograph
+from engine.build import reason
+from engine.progress import Progress
+from engine.tasks import ShardResult, read_subject, subject_folder
+from engine.workers import cpu_count, run
+from render.camera import Camera
+from render.capture import capture_radiance
+from render.cycles import CyclesConfig
+from shards.archive import Compression, Shard, ShardError, write_shard
+from shards.checksum import file_sha256
+from shards.dataset import BASE, Dataset, DatasetWriter
+from shards.manifest import DatasetError
+from shards.schema import RADIANCE_WATTS
+from shards.splits import Split
+from shards.sweep import power_folder, write_index
+
+_SIDES = ("front", "back")
+
+
+@dataclass(frozen=True)
+class SweepConfig:
+    """Which lights a dataset is photographed under, and how."""
+
+    powers: list[float] = field(default_factory=lambda: [2000.0 - 100 * k for k in range(20)])
+    """Powers of the point light, watts; each becomes a dataset."""
+    exposure: float | None = None
+    """Factor on linear radiance, the same for every power (default: the dataset's)."""
+    color_camera: ColorCamera | None = field(default_factory=ColorCamera)
+    """The camera whose noise the colours have, such as {"full_well": 8000}; null for none."""
+    draw: int = 0
+    """Which draw of that noise; another number is another photograph of the same."""
+    split: Split | None = None
+    """Only the subjects of this split (default: all)."""
+    subjects: list[str] | None = None
+    """Only these subjects, by their ids (default: all)."""
+    compression: Compression = "stored"
+    """How shards lie on disk, as `shards.compression` of a build."""
+
+    def __post_init__(self) -> None:
+        if not self.powers:
+            raise ValueError("powers: none is given; give watts, such as [2000, 1000, 100]")
+        for power in self.powers:
+            if not 0 < power < 1e9:
+                raise ValueError(f"powers: {power} W; give watts above 0, such as 2000")
+        if len(set(self.powers)) < len(self.powers):
+            raise ValueError(f"powers: {self.powers} names one twice; name each once")
+        if self.exposure is not None and not 0 < self.exposure < 1e9:
+            raise ValueError(f"exposure: {self.exposure}; give a factor above 0, such as 0.06")
+        if self.draw < 0:
+            raise ValueError(f"draw: {self.draw}; give a whole number from 0 on")
+
+
+class Sweep:
+    """A sweep's folder, open to be filled: a dataset for each power, and the index of them.
+
+    Attributes:
+        base: the dataset that is photographed.
+        config: the sweep's.
+        writers: power in watts -> the dataset of that power.
+        planned: the ids of the subjects.
+
+    Args:
+        config: the sweep's.
+        data: folder of the dataset.
+        output: folder of the sweep; made if missing, taken up again if it was interrupted.
+
+    Raises:
+        ValueError: `data` is no dataset, or has no such subjects, or is of a sweep itself;
+            `output` cannot be written or holds something else.
+    """
+
+    def __init__(self, config: SweepConfig, data: Path, output: Path) -> None:
+        self.config, self.folder = config, output
+        self.base = Dataset(data)
+        self.planned = self._plan()
+        shards = [self._base_shard(subject) for subject in self.planned]
+        lights = [shard.meta["light"] for shard in shards]
+        self.exposure = config.exposure or float(lights[0]["exposure"])
+        self._claim_folder()
+        self._open = ExitStack()
+        self.writers: dict[float, DatasetWriter] = {}
+        names = _versions(all("radiance_front" in shard for shard in shards))
+        try:
+            for power in config.powers:
+                writer = DatasetWriter(
+                    output / power_folder(power),
+                    self._record(power),
+                    self.planned,
+                    self.base.description["seed"],
+                    names,
+                    self.base,
+                )
+                self.writers[power] = self._open.enter_context(writer)
+        except OSError as error:
+            self._open.close()
+            raise _unwritable(output, error) from error
+        except BaseException:
+            self._open.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._open.close()
+
+    def tasks(self, threads: int) -> list[SweepTask]:
+        """What is missing, subject by subject."""
+        tasks = []
+        for subject in self.planned:
+            lacking = {
+                power: writer.shard_path(subject).resolve()
+                for power, writer in self.writers.items()
+                if subject not in writer.finished
+            }
+            if lacking:
+                tasks.append(
+                    SweepTask(
+                        subject,
+                        self.base.folder.resolve(),
+                        self.base.manifest[subject].file,
+                        self.base.manifest[subject].sha256,
+                        self.config,
+                        self.exposure,
+                        lacking,
+                        next(iter(self.writers.values())).versions,
+                        threads,
+                    )
+                )
+        return tasks
+
+    def _plan(self) -> list[str]:
+        known = self.base.subjects(self.config.split)
+        wanted = known if self.config.subjects is None else sorted(set(self.config.subjects))
+        for subject in wanted:
+            if subject not in known:
+                which = f"the {self.config.split} split of " if self.config.split else ""
+                raise ValueError(
+                    f"subjects: {which}{self.base.folder} has no finished subject '{subject}'; "
+                    f"it has {', '.join(known[:4])}{', ...' if len(known) > 4 else ''}"
+                )
+        if not wanted:
+            raise ValueError(f"{self.base.folder} has no subject to photograph; build it first")
+        return wanted
+
+    def _base_shard(self, subject: str) -> Shard:
+        shard = self.base.shard(subject)
+        if shard.base is not None:
+            raise ValueError(
+                f"{self.base.folder} is a part of a sweep itself; give the dataset that it was "
+                f"made of, {(self.base.folder / BASE).resolve()}"
+            )
+        return shard
+
+    def _claim_folder(self) -> None:
+        """Make the folder; one of other things, or of another exposure, is refused."""
+        folder = self.folder
+        if folder.resolve() == self.base.folder.resolve():
+            raise DatasetError(f"{folder} is the dataset itself; choose another folder")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            # First of all files, so that a sweep killed at any later instant finds its own.
+            write_index(folder, self.base.folder, self._shared(), self.config.powers)
+        except OSError as error:
+            raise _unwritable(folder, error) from error
+
+    def _record(self, power: float) -> dict[str, Any]:
+        """All that the bytes of one power's shards depend on, but for the base's."""
+        return {"light": {"power": float(power)}, **self._shared()}
+
+    def _shared(self) -> dict[str, Any]:
+        """What is the same for every power."""
+        camera = self.config.color_camera
+        return {
+            "exposure": self.exposure,
+            "color_camera": None if camera is None else asdict(camera),
+            "draw": self.config.draw,
+            "compression": self.config.compression,
+            "base_config_sha256": self.base.description["config_sha256"],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class SweepTask:
+    """One subject on its way to a shard for each power.
+
+    Attributes:
+        subject: its id.
+        base: folder of the dataset that is photographed, absolute.
+        shard: the subject's shard there, a path below it.
+        sha256: of that shard, as the manifest has it.
+        config: the sweep's.
+        exposure: factor on linear radiance.
+        powers: watts -> the file to make.
+        versions: what makes the shards.
+        threads: threads of the CPU that the task may use.
+    """
+
+    subject: str
+    base: Path
+    shard: str
+    sha256: str
+    config: SweepConfig
+    exposure: float
+    powers: dict[float, Path]
+    versions: dict[str, str]
+    threads: int
+
+
+def sweep(work: Sweep, jobs: int | None) -> bool:
+    """Make the shards that a sweep lacks; returns whether it has them all then.
+
+    Args:
+        jobs: worker processes; None takes one for each processor.
+    """
+    start = time.monotonic()
+    lacking = len(work.tasks(1))
+    workers = max(1, min(jobs or cpu_count(), lacking))
+    threads = max(1, cpu_count() // workers)
+    powers, subjects = len(work.writers), len(work.planned)
+    if lacking < subjects:
+        print(f"{subjects - lacking} of {subjects} subjects stand already", file=sys.stderr)
+    progress = Progress("sweep", lacking)
+    failed = 0
+    try:
+        for task, result in run(light_subject, work.tasks(threads), workers, threads):
+            why = None
+            if isinstance(result, BaseException):
+                why, failed = reason(result), failed + 1
+                for power in task.powers:
+                    work.writers[power].fail(task.subject, "sweep", why)
+            else:
+                for power, written in result.items():
+                    work.writers[power].add(task.subject, **asdict(written))
+            progress.step(task.subject, why)
+    finally:
+        progress.close()
+    for writer in work.writers.values():
+        writer.finish()
+    elapsed = time.monotonic() - start
+    print(
+        f"{powers} powers of {subjects - failed} subjects in {work.folder}\n"
+        f"{lacking - failed} subjects made now in {elapsed:.0f} s; {failed} set aside"
+        + (f", see {work.folder}/*/failures.jsonl" if failed else "")
+    )
+    return failed == 0
+
+
+def light_subject(task: SweepTask) -> dict[float, ShardResult]:
+    """Photograph one subject under every power that lacks it; each shard appears whole."""
+    start = time.monotonic()
+    path = task.base / task.shard
+    if not path.is_file() or file_sha256(path) != task.sha256:
+        raise ShardError(f"{path} is not the file that the manifest lists; build it again")
+    base = Shard(path, alone=True)
+    mask = base["mask"]
+    radiance = dict(zip(_SIDES, _foreground(task, base, mask), strict=True))
+    shared = (time.monotonic() - start) / len(task.powers)
+    camera, draw = task.config.color_camera, task.config.draw
+    written = {}
+    for power, target in task.powers.items():
+        start = time.monotonic()
+        meta = _meta(task, base, power)
+        light = LightConfig(**meta["light"])
+        arrays = {}
+        for side in _SIDES:
+            name = f"rgb_{side}"
+            key = (meta["seed"], task.subject, name)
+            arrays[name] = photograph(radiance[side], mask, light, camera, key, draw)
+        size, sha256 = write_shard(target, arrays, meta, task.config.compression, base)
+        seconds = shared + time.monotonic() - start
+        written[power] = ShardResult(size, sha256, seconds, meta["licence"])
+    return written
+
+
+def _foreground(
+    task: SweepTask, base: Shard, mask: np.ndarray
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Of front and back, for each view: (N, 3) float32 light per watt of the mask's pixels."""
+    if "radiance_front" in base:
+        unit = np.float32(RADIANCE_WATTS)
+        front, back = (
+            [
+                light[seen].astype(np.float32) / unit
+                for light, seen in zip(base[f"radiance_{side}"], mask, strict=True)
+            ]
+            for side in _SIDES
+        )
+        return front, back
+    pairs = [
+        (front[seen], back[seen])
+        for (front, back), seen in zip(_render(task, base, mask), mask, strict=True)
+    ]
+    return [front for front, _ in pairs], [back for _, back in pairs]
+
+
+def _render(
+    task: SweepTask, base: Shard, mask: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The radiance that the shard did not keep, rendered as its build did."""
+    meta = base.meta
+    files = {meta["mesh"]: meta["mesh_sha256"], **meta["files"]}
+    for name, sha256 in files.items():
+        path = task.base / name
+        if not path.is_file() or file_sha256(path) != sha256:
+            raise ShardError(
+                f"{path} is not the file that the shard was rendered from; "
+                f"build {task.base} again, or keep its light with --shards.radiance true"
+            )
+    subject = read_subject(subject_folder(task.base, task.subject))
+    camera = meta["camera"]
+    rows, columns = camera["size"]
+    return capture_radiance(
+        subject.surface(),
+        Camera(rows, columns, camera["pixel_size"], camera["distance"], camera["center_height"]),
+        np.radians(base["yaw_deg"].astype(np.float64)),
+        mask,
+        tuple(meta["light"]["position"]),
+        CyclesConfig(**meta["cycles"]),
+        task.threads,
+    )
+
+
+def _meta(task: SweepTask, base: Shard, power: float) -> dict[str, Any]:
+    """The base's meta under another light; its files lie behind the link."""
+    meta = base.meta
+    camera = task.config.color_camera
+    return {
+        **meta,
+        "mesh": f"{BASE}/{meta['mesh']}",
+        "body": None if meta["body"] is None else f"{BASE}/{meta['body']}",
+        "files": {f"{BASE}/{name}": sha256 for name, sha256 in meta["files"].items()},
+        "light": {**meta["light"], "power": float(power), "exposure": task.exposure},
+        "color_camera": None if camera is None else asdict(camera),
+        "color_draw": task.config.draw,
+        "base": {
+            "shard": f"{BASE}/{task.shard}",
+            "bytes": base.path.stat().st_size,
+            "sha256": task.sha256,
+        },
+        "versions": task.versions,
+    }
+
+
+def _versions(kept: bool) -> dict[str, str]:
+    """What the shards depend on; `kept`: every shard of the base holds its radiance."""
+    names: Iterable[str] = ("numpy", "rectoverso")
+    if not kept:
+        names = (*names, "bpy", "openexr", "trimesh")
+    found: Mapping[str, str] = {name: version(name) for name in names}
+    return {"python": platform.python_version(), **found}
+
+
+def _unwritable(folder: Path, error: OSError) -> DatasetError:
+    return DatasetError(
+        f"output '{folder}' cannot be written ({error.strerror}); choose another folder"
+    )

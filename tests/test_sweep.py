@@ -1,0 +1,409 @@
+"""The light sweep, as a user runs it: real renders, real files, real processes killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from PIL import Image
+
+from augment import sensors
+from augment.color_camera import ColorCamera
+from augment.light import LightConfig
+from augment.photograph import develop, photograph
+from engine.sweep import Sweep, SweepConfig
+from engine.tasks import read_subject, subject_folder
+from render.camera import Camera
+from render.capture import capture_radiance
+from render.cycles import CyclesConfig
+from shards.archive import ShardError
+from shards.dataset import Dataset
+from shards.schema import RADIANCE_WATTS
+from shards.sweep import read_index
+from shards.verify import verify
+
+ROOT = Path(__file__).parents[1]
+POWERS = [2000.0, 730.0, 100.0]
+
+
+def pipeline(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run the command line to its end."""
+    return subprocess.run(
+        [sys.executable, str(ROOT / "pipeline.py"), *map(str, arguments)],
+        capture_output=True, text=True, cwd=ROOT, timeout=600, check=False,
+    )  # fmt: skip
+
+
+def write_scan(path: Path, seed: int) -> None:
+    """A lumpy ellipsoid, y up, in metres, textured from black to white."""
+    rng = np.random.default_rng(seed)
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    bumps = 1 + 0.08 * np.sin(ball.vertices @ rng.normal(0, 6, (3, 3))).prod(axis=1)
+    vertices = ball.vertices * bumps[:, None] * [0.25, 0.85, 0.2] + [0, 0.9, 0]
+    texture = Image.fromarray(rng.integers(0, 256, (64, 64, 3), dtype=np.uint8))
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=texture)
+    uv = ball.vertices[:, :2] * 0.5 + 0.5
+    visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+    trimesh.Trimesh(vertices, ball.faces, visual=visual, process=False).export(path)
+
+
+def build(folder: Path, *options: object, count: int = 2) -> Path:
+    """A dataset of scans, two views each."""
+    (folder / "scans").mkdir(parents=True)
+    for i in range(count):
+        write_scan(folder / "scans" / f"s{i}.glb", seed=i)
+    source = {"root": str(folder / "scans"), "licence": "CC0-1.0", "up": "y", "front": "z"}
+    config = {
+        "subjects": {"class_path": "Scans", "init_args": {**source, "unit": "m"}},
+        "views": {"count": 2},
+        "cycles": {"samples": 4},
+        "seed": 5,
+    }
+    (folder / "config.yaml").write_text(yaml.safe_dump(config))
+    result = pipeline(
+        "build", "--config", folder / "config.yaml", "--output", folder / "data", *options
+    )
+    assert result.returncode == 0, result.stderr
+    return folder / "data"
+
+
+def sweep(data: Path, output: Path, *options: object) -> subprocess.CompletedProcess[str]:
+    """Sweep `data` under `POWERS`."""
+    return pipeline(
+        "sweep", "--data", data, "--output", output, "--powers", POWERS, *options
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    """A dataset without radiance."""
+    return build(tmp_path_factory.mktemp("plain"))
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory) -> Path:
+    """The same dataset with radiance."""
+    return build(tmp_path_factory.mktemp("kept"), "--shards.radiance", "true")
+
+
+@pytest.fixture(scope="module")
+def swept(data) -> Path:
+    """A sweep of the dataset without radiance, with the camera's noise."""
+    result = sweep(data, data.parent / "sweep")
+    assert result.returncode == 0, result.stderr
+    assert "3 powers of 2 subjects" in result.stdout
+    return data.parent / "sweep"
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file of a sweep but for its locks and what tells of time, by its place."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.glob("*W/shards/*"))
+    }
+
+
+def render_at(data: str, power: float | None) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Front and back of s0 under a lamp of `power` watts in Blender, linear; None renders 1 W."""
+    from render import scene
+
+    dataset = Dataset(data)
+    shard = dataset.shard("s0")
+    camera = shard.meta["camera"]
+    made = scene.Scene._add_light
+
+    def stronger(self: scene.Scene) -> object:
+        lamp = made(self)
+        if power is not None:
+            lamp.data.energy = power
+        return lamp
+
+    scene.Scene._add_light = stronger
+    pairs = capture_radiance(
+        read_subject(subject_folder(Path(data), "s0")).surface(),
+        Camera(*camera["size"], camera["pixel_size"], camera["distance"], camera["center_height"]),
+        np.radians(shard["yaw_deg"].astype(float)),
+        shard["mask"],
+        tuple(shard.meta["light"]["position"]),
+        CyclesConfig(**shard.meta["cycles"]),
+        2,
+    )
+    fronts, backs = zip(*pairs, strict=True)
+    return list(fronts), list(backs)
+
+
+@pytest.fixture(scope="module")
+def one_watt(data, in_worker) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """What the pipeline multiplies."""
+    return in_worker(render_at, str(data), None)
+
+
+@pytest.mark.parametrize("power", [2000.0, 100.0])
+def test_a_power_is_what_blender_renders_at_that_power(
+    data, kept, one_watt, in_worker, power
+) -> None:
+    """In linear radiance: 1e-5 from a float render, half precision from a shard's radiance."""
+    direct = in_worker(render_at, str(data), power)
+    shard = Dataset(kept).shard("s0")
+    for side, name in enumerate(("front", "back")):
+        for view in range(2):
+            due = direct[side][view].astype(np.float64)
+            lit = due > 0
+            assert lit.any(axis=-1).mean() > 0.05
+            ours = one_watt[side][view] * np.float64(power)
+            assert (np.abs(ours - due)[lit] <= 1e-5 * due[lit]).all()
+            assert not ours[~lit].any()
+            stored = shard[f"radiance_{name}"][view].astype(np.float64)
+            stored *= power / RADIANCE_WATTS
+            assert (np.abs(stored - due)[lit] <= 1e-3 * due[lit]).all()
+            # As an image too: the noiseless sweep is the noiseless picture of that render.
+            light = LightConfig(**{**shard.meta["light"], "power": power})
+            mask = shard["mask"][view : view + 1]
+            seen = one_watt[side][view][mask[0]]
+            image = photograph([seen], mask, light, None, (0, "s0", name))[0]
+            exposed = direct[side][view][mask[0]] * np.float32(light.exposure)
+            assert np.abs(image[mask[0]].astype(int) - develop(exposed)).max() <= 1
+
+
+def test_without_noise_the_dataset_s_own_power_is_the_dataset(data, tmp_path) -> None:
+    result = sweep(data, tmp_path / "sweep", "--color_camera", "null")
+    assert result.returncode == 0, result.stderr
+    for subject in ("s0", "s1"):
+        own = Dataset(data).shard(subject)
+        for power, folder in read_index(tmp_path / "sweep").items():
+            shard = Dataset(folder).shard(subject)
+            for name in ("rgb_front", "rgb_back"):
+                same = shard[name].tobytes() == own[name].tobytes()
+                assert same == (power == 2000.0)
+
+
+def test_a_build_with_the_camera_and_the_power_has_the_sweep_s_bytes(swept, tmp_path) -> None:
+    """Noise is keyed by seed, subject, view, member and power, whoever draws it."""
+    weak = build(tmp_path, "--light.power", 100, "--color_camera.bits", 12)
+    for subject in ("s0", "s1"):
+        built, lit = Dataset(weak).shard(subject), Dataset(swept / "0100W").shard(subject)
+        for name in ("rgb_front", "rgb_back"):
+            assert built[name].tobytes() == lit[name].tobytes()
+        assert built.meta["color_camera"] == lit.meta["color_camera"]
+        assert built.meta["light"] == lit.meta["light"]
+
+
+def test_the_rest_is_the_base_s_and_not_copied(data, swept) -> None:
+    assert [folder.name for folder in read_index(swept).values()] == ["2000W", "0730W", "0100W"]
+    for power, folder in read_index(swept).items():
+        dataset, own = Dataset(folder), Dataset(data)
+        assert dataset.subjects("train") == own.subjects("train")
+        assert dataset.subjects("test") == own.subjects("test")
+        shard, base = dataset.shard("s1"), own.shard("s1")
+        with np.load(dataset.shard_path("s1")) as file:
+            assert set(file) == {"rgb_front", "rgb_back", "meta"}
+        assert set(shard.names) == set(base.names)
+        assert shard.meta["light"] == {**base.meta["light"], "power": power}
+        assert dataset.path(shard.meta["mesh"]).samefile(own.path(base.meta["mesh"]))
+        for name in base.names:
+            if not name.startswith("rgb"):
+                assert shard[name].tobytes() == base[name].tobytes()
+                assert shard.view(1)[name].tobytes() == base.view(1)[name].tobytes()
+        both = shard.view(0, ["rgb_back", "depth_front"])
+        assert both["rgb_back"].tobytes() == shard["rgb_back"][0].tobytes()
+        assert not shard["rgb_front"][~shard["mask"]].any()
+
+
+def test_weaker_light_is_darker_and_noisier(data, swept, one_watt) -> None:
+    """The noise is the camera's at each power, and another one for every power and view."""
+    shard = Dataset(data).shard("s0")
+    mask = shard["mask"][0]
+    camera = ColorCamera()
+    ratios = []
+    for power, folder in read_index(swept).items():
+        image = Dataset(folder).shard("s0")["rgb_front"][0][mask].astype(float) / 255
+        linear = np.where(image <= 0.04045, image / 12.92, ((image + 0.055) / 1.055) ** 2.4)
+        clean = one_watt[0][0][mask] * power * 0.06
+        level = (clean > 0.3 * clean.max()) & (clean < 0.8)
+        variance = clean[level] / camera.full_well + (camera.read_noise / camera.full_well) ** 2
+        error = (linear - clean)[level]
+        # Eight bits of sRGB are coarser than the sensor: their rounding is part of it.
+        slope = np.maximum(1.055 / 2.4 * clean[level] ** (1 / 2.4 - 1), 1e-9)
+        variance = variance + (1 / (255 * slope)) ** 2 / 12
+        assert error.std() == pytest.approx(np.sqrt(variance.mean()), rel=0.05)
+        ratios.append(float(clean[level].mean() / error.std()))
+    assert ratios[0] > 1.5 * ratios[1] > 2.5 * ratios[2]
+
+
+def test_verify_proves_a_power_and_the_sweep(data, swept) -> None:
+    whole = pipeline("verify", swept)
+    assert whole.returncode == 0, whole.stdout + whole.stderr
+    assert whole.stdout.count("sound") == 1 + len(POWERS)
+    report = verify(swept / "0100W")
+    assert report.ok
+    assert report.figures["s0"]["depth_median_mm"] < 0.005
+
+
+def test_the_same_bytes_from_any_number_of_workers_after_kills(data, swept, tmp_path) -> None:
+    output = tmp_path / "sweep"
+    command = [sys.executable, ROOT / "pipeline.py", "sweep", "--data", data, "--output", output]
+    command += ["--powers", str(POWERS), "--jobs", "1"]
+    for marker in ("2000W/dataset.json", "2000W/shards/s?.npz"):
+        process = subprocess.Popen(
+            list(map(str, command)), cwd=ROOT, start_new_session=True,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        deadline = time.monotonic() + 60
+        while not list(output.glob(marker)):
+            assert time.monotonic() < deadline
+            assert process.poll() is None
+            time.sleep(0.005)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    assert contents(output) != contents(swept)
+    result = sweep(data, output, "--jobs", 1)
+    assert result.returncode == 0, result.stderr
+    assert contents(output) == contents(swept)
+    assert not [p for p in output.rglob(".*") if p.name != ".lock"]
+    again = sweep(data, output)
+    assert "0 subjects made now" in again.stdout
+
+
+def test_more_powers_join_and_an_own_light_is_kept(kept, tmp_path) -> None:
+    """From the radiance in the shards: Blender is not started, nor is anything it needs there."""
+    shutil.copytree(kept, tmp_path / "data", symlinks=True)
+    shutil.rmtree(tmp_path / "data" / "subjects")
+    config = tmp_path / "k.yaml"
+    config.write_text("powers: [500]\nsubjects: [s1]\nexposure: 0.1\n")
+    for options in ((), ("--powers", "[12.5]")):
+        result = pipeline(
+            "sweep", "--config", config, "--data", tmp_path / "data", "--output",
+            tmp_path / "sweep", *options,
+        )  # fmt: skip
+        assert result.returncode == 0, result.stderr
+    index = read_index(tmp_path / "sweep")
+    assert [folder.name for folder in index.values()] == ["0500W", "0012.5W"]
+    shard = Dataset(index[500.0]).shard("s1")
+    assert Dataset(index[500.0]).subjects() == ["s1"]
+    assert shard.meta["light"]["exposure"] == 0.1
+    assert "bpy" not in shard.meta["versions"]
+    assert shard["rgb_front"].any()
+
+
+def test_the_depth_sensor_reads_the_base(data, swept) -> None:
+    """The device brings its own light: a dark picture is no dark surface to it."""
+    shard = Dataset(swept / "0100W").shard("s0")
+    with pytest.raises(ValueError, match=r"give the view and meta of shard\.base"):
+        sensors.read(shard.view(0), shard.meta, 0)
+    assert shard.base is not None
+    again = sensors.read(shard.base.view(0), shard.base.meta, 0)
+    assert again.depth.tobytes() == shard["depth_sensor"][0].tobytes()
+
+
+@pytest.fixture
+def copied(data, swept, tmp_path) -> tuple[Path, Path]:
+    """The dataset and its sweep, moved together."""
+    shutil.copytree(data, tmp_path / "data", symlinks=True)
+    shutil.copytree(swept, tmp_path / "sweep", symlinks=True)
+    return tmp_path / "data", tmp_path / "sweep"
+
+
+def test_both_may_be_moved_together_and_a_lost_base_is_named(copied) -> None:
+    base, moved = copied
+    shard = Dataset(moved / "0730W").shard("s0")
+    assert shard["mask"].any()
+    assert (moved / "0730W" / "base").resolve() == base
+    base.rename(base.with_name("elsewhere"))
+    with pytest.raises(ShardError, match=r"base/shards/s0\.npz is missing.*link it there anew"):
+        Dataset(moved / "0730W").shard("s0")
+    report = verify(moved / "0730W")
+    assert not report.ok
+
+
+def test_another_base_is_noticed_and_photographed_again(copied) -> None:
+    base, moved = copied
+    path = base / "shards" / "s0.npz"
+    bytes_ = bytearray(path.read_bytes())
+    path.write_bytes(bytes_[:-1])
+    with pytest.raises(ShardError, match="another file than"):
+        Dataset(moved / "0100W").shard("s0")
+    bytes_[len(bytes_) // 2] ^= 1
+    path.write_bytes(bytes_)
+    breaches = verify(moved / "0100W", lent=False).breaches
+    assert "another sha256" in breaches[0]
+    # The manifest lists another file: nothing is photographed from what it does not know.
+    shutil.rmtree(moved / "0100W")
+    result = sweep(base, moved)
+    assert result.returncode == 1
+    reasons = [json.loads(x) for x in (moved / "0100W/failures.jsonl").read_text().splitlines()]
+    assert [failure["subject"] for failure in reasons] == ["s0"]
+    assert "is not the file that the manifest lists" in reasons[0]["reason"]
+
+
+def test_a_mesh_that_changed_is_not_rendered(copied) -> None:
+    base, moved = copied
+    shutil.rmtree(moved)
+    path = base / "subjects" / "s1" / "s1.glb"
+    path.unlink()
+    write_scan(path, seed=9)
+    result = sweep(base, moved)
+    assert result.returncode == 1
+    assert "1 set aside" in result.stdout
+    failures = (moved / "2000W" / "failures.jsonl").read_text().splitlines()
+    assert "not the file that the shard was rendered from" in json.loads(failures[0])["reason"]
+    assert Dataset(moved / "2000W").subjects() == ["s0"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--powers", "[100, 0]"), "powers: 0.0 W; give watts above 0"),
+        (("--powers", "[-100]"), "powers: -100.0 W; give watts above 0"),
+        (("--powers", "[.nan]"), "powers: nan W; give watts above 0"),
+        (("--powers", "[]"), "powers: none is given"),
+        (("--powers", "[5, 5]"), "names one twice"),
+        (("--powers", "[bright]"), "powers: expected a number, got bright"),
+        (("--exposure", "-1"), "exposure: -1.0; give a factor above 0"),
+        (("--color_camera.full_well", "-3"), "color_camera.full_well: -3.0 electrons"),
+        (("--draw", "-1"), "draw: -1"),
+        (("--subjects", "[nobody]"), "has no finished subject 'nobody'; it has s0, s1"),
+        (("--split", "validation"), "split: expected 'train' or 'test'"),
+        (("--powrs", "[5]"), "did you mean powers?"),
+    ],
+)
+def test_a_wrong_call_says_so_in_one_line_before_any_work(data, tmp_path, options, message) -> None:
+    result = pipeline("sweep", "--data", data, "--output", tmp_path / "sweep", *options)
+    assert result.returncode == 2
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not (tmp_path / "sweep").exists()
+
+
+def test_a_folder_that_cannot_be_used(data, swept, tmp_path) -> None:
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").touch()
+    cases = [
+        ((data, tmp_path / "full"), "is not empty and holds no sweep.json"),
+        ((data, data), "is the dataset itself"),
+        ((tmp_path / "full", tmp_path / "sweep"), "holds no dataset.json"),
+        ((swept / "0100W", tmp_path / "sweep"), "is a part of a sweep itself"),
+        ((data, swept, "--exposure", "0.2"), "exposure is 0.06 there and 0.2 here"),
+    ]
+    for arguments, message in cases:
+        result = sweep(*arguments)
+        assert result.returncode == 2
+        assert message in result.stderr
+        assert result.stderr.count("\n") == 1
+
+
+def test_a_second_sweep_of_a_folder_waits_for_nothing_and_says_so(data, swept) -> None:
+    config = SweepConfig(powers=POWERS)
+    with Sweep(config, data, swept):
+        result = sweep(data, swept)
+    assert result.returncode == 2
+    assert "another build is writing" in result.stderr
