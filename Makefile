@@ -27,6 +27,8 @@ lint: $(TESTABLE)
 picture: demo
 	$(BIN)/python -m report.sheet out/demo --subjects open_0000 open_0003 --output docs/demo.png
 	$(BIN)/python -m report.sensors out/demo --output docs/sensors.png
+	$(BIN)/python pipeline.py sweep --config configs/light_sweep.yaml --data out/demo --output out/sweep
+	$(BIN)/python -m report.powers out/sweep --output docs/light_sweep.png
 
 HUMANS := out/humans
 
