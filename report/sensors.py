@@ -91,7 +91,7 @@ def measured(sensor: Sensor, z: float, angle: float) -> float:
 
 
 def figure(folder: Path, subject: str | None, view: int | None) -> Figure:
-    """Two charts of noise over a strip of one subject's normals, true and as each sensor reads.
+    """Two charts of noise over a strip of one subject: depth and normals, true and as read.
 
     Raises:
         ValueError: there is no such subject or view.
@@ -104,8 +104,8 @@ def figure(folder: Path, subject: str | None, view: int | None) -> Figure:
     maps = shard.view(chosen(shard, view), ["depth_front", "normal_front", "rgb_front", "mask"])
     camera = shard.meta["camera"]
     mpl.rcParams["font.size"] = 8
-    whole = Figure(figsize=(12, 7.8), dpi=130, layout="constrained")
-    parts = whole.subfigures(2, 1, height_ratios=(1, 1.15), squeeze=False)
+    whole = Figure(figsize=(12, 11.6), dpi=130, layout="constrained")
+    parts = whole.subfigures(2, 1, height_ratios=(1, 2.2), squeeze=False)
     charts, strip = parts.ravel()
     by_distance, by_angle = charts.subplots(1, 2)
     _curves(by_distance, DISTANCES, lambda x: (x, 0 * x))
@@ -115,7 +115,7 @@ def figure(folder: Path, subject: str | None, view: int | None) -> Figure:
     by_angle.set(xlabel="angle of incidence, degrees (at 2 m)", yscale="log")
     by_angle.set_yticks(TICKS, [f"{tick:g}" for tick in TICKS])
     by_angle.minorticks_off()
-    axes = strip.subplots(1, len(SENSORS) + 1)
+    axes = strip.subplots(2, len(SENSORS) + 1)
     grid = Grid(camera["pixel_size"], camera["distance"])
     rows, columns = (np.flatnonzero(maps["mask"].any(axis=axis)) for axis in (1, 0))
     part = (slice(rows[0] - 4, rows[-1] + 5), slice(columns[0] - 4, columns[-1] + 5))
@@ -130,12 +130,29 @@ def figure(folder: Path, subject: str | None, view: int | None) -> Figure:
             np.random.default_rng(0),
         )
         depths[name] = reading.depth
-    for axis, (name, depth) in zip(axes, depths.items(), strict=True):
-        kept = (depth[maps["mask"]] > 0).mean()
-        axis.imshow(normals(depth, grid.pixel_size)[part], interpolation="nearest")
-        axis.set_title(f"{name}\n{kept:.0%} valid")
-        axis.set_axis_off()
+    true = maps["depth_front"]
+    for (above, below), (name, depth) in zip(axes.T, depths.items(), strict=True):
+        read = maps["mask"] & (depth > 0)
+        off = 1000 * np.abs(depth - true)[read]
+        above.imshow(greys(depth, true[maps["mask"]])[part], "gray", vmin=0, vmax=255)
+        below.imshow(normals(depth, grid.pixel_size)[part], interpolation="nearest")
+        figures = "" if name == "true" else f"\n{np.median(off):.1f} mm off, median"
+        above.set_title(f"{name}\n{read.sum() / maps['mask'].sum():.0%} valid{figures}")
+        for axis in (above, below):
+            axis.set_axis_off()
     return whole
+
+
+def greys(depth: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """(H, W) uint8 of a depth map, near is bright, white where there is no depth.
+
+    Args:
+        depth: (H, W) metres, 0 = none.
+        shown: depths whose span the greys cover.
+    """
+    near, far = shown.min(), shown.max()
+    bright = 220 - 190 * np.clip((depth - near) / max(far - near, 1e-6), 0, 1)
+    return np.where(depth > 0, bright, 255).astype(np.uint8)
 
 
 def normals(depth: np.ndarray, pixel_size: float) -> np.ndarray:

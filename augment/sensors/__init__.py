@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,12 @@ def sensor_of(name: str, **parameters: Any) -> Sensor:
     """
     if name not in SENSORS:
         raise ValueError(f"sensor '{name}' is no model; known: {', '.join(SENSORS)}")
+    known = [field.name for field in fields(SENSORS[name])]
+    for parameter in parameters:
+        if parameter not in known:
+            raise ValueError(
+                f"sensor '{name}' has no parameter '{parameter}'; it has {', '.join(known)}"
+            )
     return SENSORS[name](**parameters)
 
 
@@ -38,7 +45,8 @@ def read(
 ) -> Reading:
     """What the sensor of a shard reads of one of its views; draw 0 is what the shard holds.
 
-    A loader may call it with another draw each epoch, and gets the same values on any machine.
+    A loader may call it with another draw each epoch: every machine draws the same, and the values
+    agree but for the last bits of its sines and powers.
 
     The device brings its own light: of a shard with a base, under another lamp, give the view and
     the meta of `shard.base`.
@@ -50,9 +58,14 @@ def read(
         draw: which of the readings.
 
     Raises:
-        ValueError: the shard's sensor is no model of this version, or its colours are of another
-            lamp than the sensor's readings.
+        ValueError: the shard's sensor is no model of this version, the view lacks a map, index or
+            draw is none, or the colours are of another lamp than the sensor's readings.
     """
+    for name in ("depth_front", "normal_front", "rgb_front", "mask"):
+        if name not in view:
+            raise ValueError(f"the view has no {name}, which the sensor reads; ask for it as well")
+    if not (index >= 0 and draw >= 0):
+        raise ValueError(f"view {index}, draw {draw}: both are counted from 0")
     if "base" in meta:
         raise ValueError(
             "the sensor read the colours of the shard's base; give the view and meta of shard.base"

@@ -46,12 +46,14 @@ class NormalGAN(Sensor):
     def measure(self, view: View, rng: np.random.Generator) -> Reading:
         """As `Sensor.measure`: one standard normal a foreground pixel, in row order."""
         distance = view.distance_at
-        sigma = self.noise * axial_sigma(distance, view.normal_at[:, 2], RIGHT_ANGLE)
+        sigma = self.noise * axial_sigma(distance, view.normal_at[2], RIGHT_ANGLE)
         sigma = sigma.astype(np.float32, copy=False)
-        drawn = rng.standard_normal(len(sigma), dtype=np.float32)
-        depth = view.depth_at + sigma * drawn
+        depth = rng.standard_normal(len(sigma), dtype=np.float32)
+        depth *= sigma
+        depth += view.depth_at
         if self.truncate:
-            depth = np.floor(depth * np.float32(1e3)) / np.float32(1e3)
+            offset = np.float32(self.distance - view.grid.distance)
+            depth = np.floor((depth + offset) * np.float32(1e3)) / np.float32(1e3) - offset
         valid = depth > 0
         if self.contour_jitter:
             valid &= ~_cut(view.mask, self.contour_jitter, rng)[view.mask]

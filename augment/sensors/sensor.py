@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, fields
+from numbers import Real
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -27,6 +29,10 @@ class Sensor(ABC):
     """Factor on the published standard deviation; 0 leaves the Gaussian part out."""
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not _alike(value, field.default):
+                raise ValueError(f"sensor.{field.name}: {value!r}; give such as {field.default}")
         if not 0 < self.distance < 100:
             raise ValueError(
                 f"sensor.distance: {self.distance} m; give metres above 0, such as 2.0"
@@ -54,10 +60,21 @@ class Sensor(ABC):
             rng: the only source of chance: the same one gives the same reading.
 
         Raises:
-            ValueError: shapes disagree, depth is negative or not finite, or a normal is not unit.
+            ValueError: shapes disagree, depth is negative or not finite, a normal is not unit,
+                albedo lies beyond [0, 1], or the device does not stand before the surface.
         """
         return self.measure(View(depth, normal, albedo, mask, grid, self.distance), rng)
 
     @abstractmethod
     def measure(self, view: View, rng: np.random.Generator) -> Reading:
         """The reading of a view that was checked."""
+
+
+def _alike(value: Any, default: Any) -> bool:
+    """Whether a parameter is what its default is: true or false, a finite number, two of them."""
+    if isinstance(default, bool):
+        return isinstance(value, bool)
+    if isinstance(default, tuple):
+        same = isinstance(value, tuple | list) and len(value) == len(default)
+        return same and all(map(_alike, value, default))
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from augment.sensors.sensor import Sensor
-from augment.sensors.view import Reading, View
+from augment.sensors.view import Reading, View, over_window
 
 LIGHT_SPEED = 299_792_458.0
 
@@ -28,16 +27,20 @@ WEIGHTS = FREQUENCIES**2 / (FREQUENCIES**2).sum()
 """Of the three distances in their mean: by the inverse of their variances."""
 
 LEAST_AMPLITUDE, LEAST_SUM = 3.0, 10.0
-"""Under the first in any frequency, or the second in all together, a pixel is invalid
-(libfreenect2's depth packet processor)."""
+"""Under the first in any frequency, or the second in all together, a pixel is invalid. This rule
+and those that follow are the device's, by libfreenect2's depth packet processor."""
 
-FLYING_IR, FLYING_NEAR, FLYING_FAR = 0.05, 0.050, 0.030
-"""A pixel flies where the amplitude in its 3x3 window varies by more than the first, relative to
-its mean, and its depth is metres more than the second from the nearest there and than the third
-from the farthest (libfreenect2's edge filter)."""
+CONFIDENCE, CONFIDENCE_EXPONENT = 12.887, -0.5330578
+STRICTEST, LAXEST = 0.3490659, 0.6108653
+"""A pixel is invalid whose three unwrapped phases lie farther, in radians, from those of any one
+distance than the first times the largest amplitude to the power of the second, or than the limits
+to that."""
 
-STEEPEST_SLOPE = 10.0
-"""Depth per length across within a pixel; at the outline it would have no end."""
+FLYING_IR, FLYING_LEAST_IR = 0.05, 50.0
+FLYING_NEAR, FLYING_FAR, FLYING_MOST = 0.050, 0.030, 0.100
+"""A pixel flies where the amplitude in its 3x3 window varies by the first or more, relative to its
+mean or, if that is more, to the second; and where its depth is metres more than the third from the
+nearest measured there, than the fourth from the farthest, and than the fifth from either."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class TimeOfFlight(Sensor):
     A surface at z returns A exp(i 4 pi f z / c), A proportional to albedo cos(t) / z^2. A pixel
     sums what its parts and its neighbours' near parts return, so it mixes depths at edges. Complex
     noise, the phases' unwrapping and the device's rules for valid pixels then make mixed pixels,
-    lost hair and lost grazing surfaces by themselves.
+    lost hair and lost grazing surfaces by themselves. The device's bilateral filter is left out.
 
     With the default `read_noise`, `amplitude` and `jitter` the standard deviation on a white
     surface that faces the device is that of Fankhauser et al. 2015 within 5 % from 0.8 to 4 m.
@@ -101,20 +104,22 @@ class TimeOfFlight(Sensor):
 
     def measure(self, view: View, rng: np.random.Generator) -> Reading:
         """As `Sensor.measure`: 6 N normals for the phasors, then N for the jitter."""
-        phasors = _Pixels(self, view).sums()
+        phasors = self._phasors_of(view)
         clean = np.abs(phasors)
-        count = len(view.pixels)
+        count = len(view.depth_at)
         drawn = rng.standard_normal((2, 3, count), dtype=np.float32)
         phasors += np.complex64(self.noise * self.read_noise) * (drawn[0] + 1j * drawn[1])
         amplitude = np.abs(phasors)
-        distance = self._unwrapped(np.angle(phasors))
+        distance, missed = self._unwrapped(np.angle(phasors))
         distance += np.float32(self.offset) + np.float32(self.noise * self.jitter) * (
             rng.standard_normal(count, dtype=np.float32)
         )
-        valid = (amplitude.min(axis=0) >= LEAST_AMPLITUDE) & (amplitude.sum(axis=0) >= LEAST_SUM)
-        valid &= (distance >= self.range[0]) & (distance <= self.range[1])
+        total = amplitude.sum(axis=0)
+        valid = (amplitude.min(axis=0) >= LEAST_AMPLITUDE) & (total >= LEAST_SUM)
+        valid &= missed <= _tolerated(amplitude.max(axis=0))
         if self.drop_flying:
-            valid &= ~self._flying(view, distance, amplitude.sum(axis=0))
+            valid &= ~self._flying(view, distance, total, valid)
+        valid &= (distance >= self.range[0]) & (distance <= self.range[1])
         depth = distance - np.float32(self.distance - view.grid.distance)
         depth[~valid] = 0
         # Of the weighted mean of three phases, each with an error of read noise over amplitude.
@@ -123,92 +128,74 @@ class TimeOfFlight(Sensor):
         sigma = (self.noise * np.sqrt(self.jitter**2 + light**2)).astype(np.float32)
         return Reading(view.on_map(depth), view.on_map(valid), view.on_map(sigma))
 
-    def _unwrapped(self, phases: np.ndarray) -> np.ndarray:
-        """(N,) metres from (3, N) phases: each frequency tells the next one its period."""
+    def _phasors_of(self, view: View) -> np.ndarray:
+        """(3, N) complex64: each frequency's phasor of every foreground pixel, in four parts."""
+        z = view.distance_at
+        quarter = np.float32(view.grid.pixel_size / 4)
+        down, across = view.slope_at * quarter
+        floor = np.float32(self.infrared_floor)
+        bright = floor + (1 - floor) * view.luminance_at
+        returned = np.float32(self.amplitude / 4) * bright
+        returned = returned * np.maximum(view.cosine_at, 0) / (z * z)
+
+        wall = self.amplitude / 4 * self.background_albedo / self.background**2
+        # Over the four parts of a pixel: rows above and below, columns left and right.
+        parts = np.empty((2, 2, 3, *view.inside.shape), dtype=np.complex64)
+        behind = wall * np.exp(4j * np.pi * FREQUENCIES * self.background / LIGHT_SPEED)
+        parts[:] = behind.astype(np.complex64)[:, None, None]
+        for i, vertical in enumerate((-down, down)):
+            for j, horizontal in enumerate((-across, across)):
+                for k, phasor in enumerate(_phasors(z + vertical + horizontal)):
+                    parts[i, j, k][view.inside] = returned * phasor
+        return _gathered(parts, self.spread)[:, view.inside]
+
+    def _unwrapped(self, phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) metres that (3, N) phases agree on, and (N,) radians by which they do not.
+
+        Each frequency tells the next one its period.
+        """
         turns = phases / np.float32(2 * np.pi)
         turns -= np.floor(turns)
         if self.wiggling:
             turns += (self.wiggling / PERIODS[:, None] * np.sin(8 * np.pi * turns)).astype(
                 np.float32
             )
-        known = turns[0] * np.float32(PERIODS[0])
-        mean = known * np.float32(WEIGHTS[0])
-        for turn, period, weight in zip(turns[1:], PERIODS[1:], WEIGHTS[1:], strict=True):
-            whole = np.rint(known / np.float32(period) - turn)
-            known = (turn + whole) * np.float32(period)
-            mean += known * np.float32(weight)
-        return mean
+        known = [turns[0] * np.float32(PERIODS[0])]
+        for turn, period in zip(turns[1:], PERIODS[1:], strict=True):
+            whole = np.rint(known[-1] / np.float32(period) - turn)
+            known.append((turn + whole) * np.float32(period))
+        mean = np.zeros_like(known[0])
+        for metres, weight in zip(known, WEIGHTS, strict=True):
+            mean += metres * np.float32(weight)
+        missed = np.zeros_like(mean)
+        for metres, period in zip(known, PERIODS, strict=True):
+            missed += np.square((metres - mean) * np.float32(2 * np.pi / period))
+        return mean, np.sqrt(missed)
 
-    def _flying(self, view: View, distance: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    def _flying(
+        self, view: View, distance: np.ndarray, amplitude: np.ndarray, measured: np.ndarray
+    ) -> np.ndarray:
         """(N,) bool: the device's edge filter, the wall where there is no foreground."""
-        wall = self.amplitude * self.background_albedo / self.background**2 * len(MULTIPLES)
-        rows = np.flatnonzero(view.mask.any(axis=1))
-        if not len(rows):
-            return np.zeros(0, dtype=bool)
-        part = slice(max(rows[0] - 1, 0), rows[-1] + 2)
-        mask = view.mask[part]
-        z, ir = (np.full(mask.shape, value, dtype=np.float32) for value in (self.background, wall))
-        z[mask], ir[mask] = distance, amplitude
-        low, high = _window(z, np.minimum), _window(z, np.maximum)
-        mean = _window(ir, np.add) / 9
-        variance = np.maximum(_window(ir * ir, np.add) / 9 - mean * mean, 0)
-        uneven = variance >= (FLYING_IR * mean) ** 2
-        flying: np.ndarray = uneven & (z - low > FLYING_NEAR) & (high - z > FLYING_FAR)
-        return flying[mask]
+        inside = view.inside
+        wall = self.amplitude * self.background_albedo / self.background**2
+        z = np.full(inside.shape, self.background, dtype=np.float32)
+        ir = np.full(inside.shape, wall * len(MULTIPLES), dtype=np.float32)
+        seen = np.full(inside.shape, wall >= LEAST_AMPLITUDE)
+        z[inside], ir[inside], seen[inside] = distance, amplitude, measured
+        nearer = z - over_window(np.where(seen, z, np.float32(np.inf)), np.minimum)
+        farther = over_window(np.where(seen, z, np.float32(-np.inf)), np.maximum) - z
+        mean = over_window(ir, np.add) / 9
+        variance = np.maximum(over_window(ir * ir, np.add) / 9 - mean * mean, 0)
+        flying: np.ndarray = variance >= (FLYING_IR * np.maximum(mean, FLYING_LEAST_IR)) ** 2
+        flying &= (nearer > FLYING_NEAR) & (farther > FLYING_FAR)
+        flying &= np.maximum(nearer, farther) > FLYING_MOST
+        return flying[inside]
 
 
-def _window(image: np.ndarray, join: np.ufunc) -> np.ndarray:
-    """(H, W): `join` over every pixel's 3x3 window; the border repeats itself."""
-    padded = np.pad(image, 1, mode="edge")
-    rows = join(join(padded[:-2], padded[1:-1]), padded[2:])
-    joined: np.ndarray = join(join(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
-    return joined
-
-
-class _Pixels:
-    """What every pixel of the foreground's rectangle returns, in four parts."""
-
-    def __init__(self, sensor: TimeOfFlight, view: View) -> None:
-        self._sensor, self._view = sensor, view
-        rows, columns = (np.flatnonzero(view.mask.any(axis=axis)) for axis in (1, 0))
-        if len(rows):
-            last = np.array(view.mask.shape)
-            low = np.maximum([rows[0] - 1, columns[0] - 1], 0)
-            high = np.minimum([rows[-1] + 2, columns[-1] + 2], last)
-        else:
-            low = high = np.zeros(2, dtype=int)
-        self._part = (slice(low[0], high[0]), slice(low[1], high[1]))
-
-    @cached_property
-    def _inside(self) -> np.ndarray:
-        return self._view.mask[self._part]
-
-    def sums(self) -> np.ndarray:
-        """(3, N) complex64: each frequency's phasor of every foreground pixel."""
-        view, sensor = self._view, self._sensor
-        z = view.distance_at
-        if not len(z):
-            return np.zeros((3, 0), dtype=np.complex64)
-        nx, ny, nz = view.normal_at.T
-        nz = np.maximum(nz, np.float32(1e-3))
-        quarter = np.float32(view.grid.pixel_size / 4)
-        across = np.clip(nx / nz, -STEEPEST_SLOPE, STEEPEST_SLOPE) * quarter
-        down = np.clip(-ny / nz, -STEEPEST_SLOPE, STEEPEST_SLOPE) * quarter
-        floor = np.float32(sensor.infrared_floor)
-        bright = floor + (1 - floor) * view.luminance_at
-        returned = np.float32(sensor.amplitude / 4) * bright
-        returned = returned * np.maximum(view.cosine_at, 0) / (z * z)
-
-        wall = sensor.amplitude / 4 * sensor.background_albedo / sensor.background**2
-        # Over the four parts of a pixel: rows above and below, columns left and right.
-        parts = np.empty((2, 2, 3, *self._inside.shape), dtype=np.complex64)
-        behind = wall * np.exp(4j * np.pi * FREQUENCIES * sensor.background / LIGHT_SPEED)
-        parts[:] = behind.astype(np.complex64)[:, None, None]
-        for i, vertical in enumerate((-down, down)):
-            for j, horizontal in enumerate((-across, across)):
-                for k, phasor in enumerate(_phasors(z + vertical + horizontal)):
-                    parts[i, j, k][self._inside] = returned * phasor
-        return _gathered(parts, sensor.spread)[:, self._inside]
+def _tolerated(amplitude: np.ndarray) -> np.ndarray:
+    """Radians by which three phases may miss one distance, of the largest of their amplitudes."""
+    most = CONFIDENCE * np.maximum(amplitude, np.float32(1)) ** CONFIDENCE_EXPONENT
+    return np.clip(most, STRICTEST, LAXEST)
 
 
 def _phasors(distance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
