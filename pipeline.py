@@ -11,15 +11,18 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from itertools import pairwise
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser
+
+    from engine.sweep import SweepConfig
 
 DONE, FAILURES, WRONG, INTERRUPTED = 0, 1, 2, 130
 
@@ -66,8 +69,6 @@ def _run(given: list[str]) -> int:
         if name in given[:1]:
             add(children[name])
         choices.add_subcommand(name, children[name], help=summary)
-    # A polite end (kill, a batch system's time limit) is Ctrl-C by another name.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         parsed = parser.parse_args(given)
         return commands[parsed.command][1](parser, parsed)
@@ -75,8 +76,23 @@ def _run(given: list[str]) -> int:
         sys.stderr.write(f"error: {_explain(error, children, given)}\n")
         return WRONG
     except KeyboardInterrupt:
-        sys.stderr.write("interrupted; run the same command again to go on\n")
+        sys.stderr.write(_INTERRUPTED)
         return INTERRUPTED
+
+
+_INTERRUPTED = "interrupted; run the same command again to go on\n"
+
+
+def _on_interrupt(handler: Callable[[int, FrameType | None], Any]) -> None:
+    """What Ctrl-C does; a polite end (kill, a batch system's time limit) is the same."""
+    signal.signal(signal.SIGINT, handler)
+    signal.signal(signal.SIGTERM, handler)
+
+
+def _end_at_once(number: int, frame: FrameType | None) -> None:
+    """While modules are imported: some of them swallow exceptions, and nothing is under way yet."""
+    os.write(2, _INTERRUPTED.encode())
+    os._exit(INTERRUPTED)
 
 
 @contextmanager
@@ -115,11 +131,10 @@ _WORDS = {
     "typing.Literal": "one of ",
     "list[float]": "a list of numbers",
     "PositiveInt": "a whole number above 0",
-    "a tuple": "a list of three numbers, such as [0.3, 0.5, 0]",
-    "tuple": "a list of three numbers, such as [0.3, 0.5, 0]",
-    "are required: build.": "are required: --",
-    "are required: verify.": "are required: ",
-    "are required: sweep.": "are required: --",
+    "a tuple": "a list of numbers, such as [0.5, 4.5]",
+    "tuple": "a list of numbers, such as [0.5, 4.5]",
+    "expected list,": "expected a list, such as [100],",
+    "expected list[str] or null": "expected a list of ids, such as [open_0000],",
     "Does not validate against any of the Union subtypes": "is none of what it may be",
     '"<unicode string>", ': "",
 }
@@ -141,11 +156,27 @@ def _cure(message: str, parser: ArgumentParser | None) -> str:
     message = re.sub(r"<class '(?:\w+\.)*(\w+)'>", lambda m: _TYPES.get(m[1], m[1]), message)
     for said, meant in _WORDS.items():
         message = message.replace(said, meant)
+    head, required, names = message.partition("are required: ")
+    # The parser names the first by its option and the others by where it keeps them.
+    message = head + required + re.sub(r"\b(?:build|sweep)\.", "--", names.replace("verify.", ""))
+    given = r"^(\w+):\s.*NestedArg\(key='(\w+)', val='?(.*?)'?\)"
+    nested = re.search(given, message, re.DOTALL)
+    if nested and parser is not None:
+        hints = get_type_hints(_optional(nested[1]))
+        known = ", ".join(f"{name} ({_TYPES[kind.__name__]})" for name, kind in hints.items())
+        message = f"{nested[1]}.{nested[2]}: {nested[3]} does not fit; there are {known}"
     if parser is not None:
         message += _suggestion(message, parser)
     if "expected one argument" in message:
         message += "; a value that starts with '-' is written as --key=value"
     return message
+
+
+def _optional(key: str) -> type:
+    """The class that an option has where it is not null."""
+    from augment.color_camera import ColorCamera
+
+    return {"color_camera": ColorCamera}[key]
 
 
 def _suggestion(message: str, parser: ArgumentParser) -> str:
@@ -156,6 +187,7 @@ def _suggestion(message: str, parser: ArgumentParser) -> str:
         parts = [chosen[1] if chosen else "", unknown[1] or "", unknown[2]]
         return _nearest(".".join(filter(None, parts)), parser, chosen[2] if chosen else "")
     key = message.partition(":")[0]
+    key = key.removeprefix("--").removesuffix(".help")
     if "is no known class" in message:
         from engine.config import CHOICES
 
@@ -211,7 +243,9 @@ def _faulty_config(parser: ArgumentParser | None, given: list[str]) -> str | Non
     folders = [f"--{a.dest}=." for a in parser._actions if a.required]
     for name in named:
         try:
-            parser.instantiate(parser.parse_args(["--config", name, *folders]))
+            made = parser.instantiate(parser.parse_args(["--config", name, *folders]))
+            if given[0] == "sweep":
+                _sweep_config(made)
         except (argparse.ArgumentError, ValueError):
             return name
     return None
@@ -251,6 +285,7 @@ def _build(parser: ArgumentParser, parsed: Any) -> int:
         made = parser.instantiate(parsed).build
         config = BuildConfig(**{name: made[name] for name in names})
         writer = open_build(config, record, Path(given["output"]))
+    _on_interrupt(signal.default_int_handler)
     with writer:
         return DONE if build(config, writer, given["jobs"]) else FAILURES
 
@@ -261,36 +296,32 @@ def _add_verify(parser: ArgumentParser) -> None:
 
 def _verify(parser: ArgumentParser, parsed: Any) -> int:
     """Prove a dataset again: checksums, schema, and depth against an independent ray cast."""
-    from shards.sweep import base_folder, is_sweep, read_index
-
-    folder = Path(parsed.verify.data)
-    if not is_sweep(folder):
-        return DONE if _proven(folder) else FAILURES
-    with _users_errors():
-        base, powers = base_folder(folder), read_index(folder).values()
-    print(base)
-    sound = _proven(base)
-    for power in powers:
-        print(power)
-        sound &= _proven(power, lent=False)
-    return DONE if sound else FAILURES
-
-
-def _proven(folder: Path, lent: bool = True) -> bool:
-    """Whether a dataset is sound, said on the screen; `lent` as `verify` has it."""
     from engine.progress import Progress
     from shards.dataset import Dataset
-    from shards.verify import verify
+    from shards.sweep import base_folder, is_sweep, read_index
+    from shards.verify import verify, verify_sweep
 
+    folder = Path(parsed.verify.data)
     with _users_errors():
+        if is_sweep(folder):
+            subjects = len(Dataset(base_folder(folder)))
+            progress = Progress("verify", subjects * (1 + len(read_index(folder))))
+            _on_interrupt(signal.default_int_handler)
+            reports = verify_sweep(folder, progress.step)
+            progress.close()
+            (base, proof), *powers = reports.items()
+            print(f"{base}\n{proof.table()}")
+            for name, report in powers:
+                print(f"{name}: {report.verdict()}")
+            wrong = sum(not report.ok for report in reports.values())
+            print(f"{len(reports)} datasets, {wrong or 'none'} of them unsound")
+            return FAILURES if wrong else DONE
         progress = Progress("verify", len(Dataset(folder)))
-    report = verify(folder, progress.step, lent)
+    _on_interrupt(signal.default_int_handler)
+    report = verify(folder, progress.step)
     progress.close()
-    if lent:
-        print(report.table())
-    else:
-        print(report.verdict())
-    return report.ok
+    print(report.table())
+    return DONE if report.ok else FAILURES
 
 
 def _add_sweep(parser: ArgumentParser) -> None:
@@ -311,18 +342,26 @@ def _add_sweep(parser: ArgumentParser) -> None:
 
 def _sweep(parser: ArgumentParser, parsed: Any) -> int:
     """Photograph a dataset under many light powers, from one render of its light."""
-    from engine.sweep import Sweep, SweepConfig, sweep
+    from engine.sweep import Sweep, sweep
 
     given = parsed.sweep.as_dict()
     with _users_errors():
-        made = parser.instantiate(parsed).sweep
-        config = SweepConfig(**{field.name: made[field.name] for field in fields(SweepConfig)})
+        config = _sweep_config(parser.instantiate(parsed).sweep)
         work = Sweep(config, Path(given["data"]), Path(given["output"]))
-    with work:
+    _on_interrupt(signal.default_int_handler)
+    with work, _users_errors():
         return DONE if sweep(work, given["jobs"]) else FAILURES
 
 
+def _sweep_config(made: Any) -> SweepConfig:
+    """Of what the parser made."""
+    from engine.sweep import SweepConfig
+
+    return SweepConfig(**{field.name: made[field.name] for field in fields(SweepConfig)})
+
+
 if __name__ == "__main__":
+    _on_interrupt(_end_at_once)
     # The workers' clean-up helper has nothing to tell a user who pressed Ctrl-C.
     os.environ["PYTHONWARNINGS"] = "ignore:resource_tracker"
     # The checkout is the package: workers find it wherever the command was called from.

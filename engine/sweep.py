@@ -6,6 +6,7 @@ it, gives the image of every power (section 4.6 of the paper: twenty, from 2000 
 
 from __future__ import annotations
 
+import json
 import platform
 import sys
 import time
@@ -24,18 +25,21 @@ from augment.light import LightConfig
 from augment.photograph import photograph
 from engine.build import reason
 from engine.progress import Progress
-from engine.tasks import ShardResult, read_subject, subject_folder
+from engine.tasks import RECORD, ShardResult, read_subject, subject_folder
 from engine.workers import cpu_count, run
 from render.camera import Camera
 from render.capture import capture_radiance
 from render.cycles import CyclesConfig
 from shards.archive import Compression, Shard, ShardError, write_shard
+from shards.atomic import remove_temporary_files
 from shards.checksum import file_sha256
-from shards.dataset import BASE, Dataset, DatasetWriter
-from shards.manifest import DatasetError
+from shards.dataset import BASE, MANIFEST, SUBJECTS, Dataset, DatasetWriter
+from shards.lock import hold_folder
+from shards.manifest import DatasetError, read_manifest
 from shards.schema import RADIANCE_WATTS
 from shards.splits import Split
-from shards.sweep import power_folder, write_index
+from shards.sweep import is_sweep, lock_sweep, power_folder, read_shared, write_index
+from subjects.subject import Subject
 
 _SIDES = ("front", "back")
 
@@ -64,23 +68,32 @@ class SweepConfig:
             raise ValueError("powers: none is given; give watts, such as [2000, 1000, 100]")
         for power in self.powers:
             if not 0 < power < 1e9:
-                raise ValueError(f"powers: {power} W; give watts above 0, such as 2000")
+                raise ValueError(f"powers: {power} W; give watts above 0 and below 1e9")
         if len(set(self.powers)) < len(self.powers):
             raise ValueError(f"powers: {self.powers} names one twice; name each once")
         if self.exposure is not None and not 0 < self.exposure < 1e9:
             raise ValueError(f"exposure: {self.exposure}; give a factor above 0, such as 0.06")
         if self.draw < 0:
             raise ValueError(f"draw: {self.draw}; give a whole number from 0 on")
+        if self.subjects is not None and not self.subjects:
+            raise ValueError("subjects: none is given; give ids, or null for all")
+        if self.draw and self.color_camera is None:
+            raise ValueError(f"draw: {self.draw} of no noise; give a color_camera, or leave it 0")
 
 
 class Sweep:
     """A sweep's folder, open to be filled: a dataset for each power, and the index of them.
 
+    What earlier runs made there belongs to it: powers and subjects that are named later join
+    those, and each run brings all of them up to date, so all powers have the same subjects in the
+    same splits. Nobody else writes the folder meanwhile, and no build the dataset.
+
     Attributes:
         base: the dataset that is photographed.
         config: the sweep's.
-        writers: power in watts -> the dataset of that power.
+        writers: power in watts -> the dataset of that power, strongest first.
         planned: the ids of the subjects.
+        dropped: ids that earlier runs photographed and the dataset has no more.
 
     Args:
         config: the sweep's.
@@ -89,34 +102,43 @@ class Sweep:
 
     Raises:
         ValueError: `data` is no dataset, or has no such subjects, or is of a sweep itself;
-            `output` cannot be written or holds something else.
+            `output` cannot be written, holds something else or lies in `data`; either is in use.
     """
 
     def __init__(self, config: SweepConfig, data: Path, output: Path) -> None:
         self.config, self.folder = config, output
         self.base = Dataset(data)
-        self.planned = self._plan()
-        shards = [self._base_shard(subject) for subject in self.planned]
-        lights = [shard.meta["light"] for shard in shards]
-        self.exposure = config.exposure or float(lights[0]["exposure"])
-        self._claim_folder()
+        self._refuse_place()
+        wanted = self._wanted()
+        exposure, kept = self._light(wanted)
+        self.exposure = exposure
         self._open = ExitStack()
         self.writers: dict[float, DatasetWriter] = {}
-        names = _versions(all("radiance_front" in shard for shard in shards))
         try:
-            for power in config.powers:
+            held = hold_folder(self.base.folder)
+            if held is not None:
+                self._open.enter_context(held)
+            self._open.enter_context(lock_sweep(output))
+            powers, made = self._take_up()
+            self.planned = sorted(set(wanted) | (made & self.base.manifest.keys()))
+            self.dropped = sorted(made - set(self.planned))
+            for power in sorted({*powers, *map(float, config.powers)}, reverse=True):
                 writer = DatasetWriter(
                     output / power_folder(power),
                     self._record(power),
                     self.planned,
                     self.base.description["seed"],
-                    names,
+                    _versions(kept),
                     self.base,
                 )
                 self.writers[power] = self._open.enter_context(writer)
+            # A power whose folder cannot be used never comes so far.
+            write_index(output, self.base.folder, self._shared(), self.writers)
         except OSError as error:
             self._open.close()
-            raise _unwritable(output, error) from error
+            raise DatasetError(
+                f"output '{output}' cannot be written ({error.strerror}); choose another folder"
+            ) from error
         except BaseException:
             self._open.close()
             raise
@@ -142,14 +164,15 @@ class Sweep:
                 if subject not in writer.finished
             }
             if lacking:
+                entry = self.base.manifest[subject]
                 tasks.append(
                     SweepTask(
                         subject,
                         self.base.folder.resolve(),
-                        self.base.manifest[subject].file,
-                        self.base.manifest[subject].sha256,
+                        entry.file,
+                        entry.sha256,
                         self.config,
-                        self.exposure,
+                        {power: self._record(power) for power in lacking},
                         lacking,
                         next(iter(self.writers.values())).versions,
                         threads,
@@ -157,7 +180,26 @@ class Sweep:
                 )
         return tasks
 
-    def _plan(self) -> list[str]:
+    def finish(self) -> None:
+        """Put everything in order: every power's dataset, and no leftovers."""
+        for writer in self.writers.values():
+            writer.finish()
+        remove_temporary_files(self.folder)
+
+    def _refuse_place(self) -> None:
+        """A sweep in its dataset would be a part of what it links, and the reverse."""
+        output, data = self.folder.resolve(), self.base.folder.resolve()
+        if output.is_relative_to(data) or data.is_relative_to(output):
+            raise DatasetError(
+                f"{self.folder} and {self.base.folder} lie in each other; choose another folder"
+            )
+        if (data / BASE).exists() and not (data / SUBJECTS).exists():
+            raise ValueError(
+                f"{self.base.folder} is a part of a sweep itself; give the dataset that it was "
+                f"made of, {(data / BASE).resolve()}"
+            )
+
+    def _wanted(self) -> list[str]:
         known = self.base.subjects(self.config.split)
         wanted = known if self.config.subjects is None else sorted(set(self.config.subjects))
         for subject in wanted:
@@ -171,37 +213,53 @@ class Sweep:
             raise ValueError(f"{self.base.folder} has no subject to photograph; build it first")
         return wanted
 
-    def _base_shard(self, subject: str) -> Shard:
-        shard = self.base.shard(subject)
-        if shard.base is not None:
-            raise ValueError(
-                f"{self.base.folder} is a part of a sweep itself; give the dataset that it was "
-                f"made of, {(self.base.folder / BASE).resolve()}"
-            )
-        return shard
+    def _light(self, subjects: list[str]) -> tuple[float, bool]:
+        """The exposure, and whether every shard that can be read kept its radiance."""
+        exposure, kept = self.config.exposure, True
+        for subject in subjects:
+            try:
+                shard = self.base.shard(subject)
+            except ShardError:
+                continue  # its task will say so
+            exposure = shard.meta["light"]["exposure"] if exposure is None else exposure
+            kept &= "radiance_front" in shard
+        if exposure is None:
+            raise ValueError(f"{self.base.folder} has no whole shard; build it again")
+        return float(exposure), kept
 
-    def _claim_folder(self) -> None:
-        """Make the folder; one of other things, or of another exposure, is refused."""
-        folder = self.folder
-        if folder.resolve() == self.base.folder.resolve():
-            raise DatasetError(f"{folder} is the dataset itself; choose another folder")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            # First of all files, so that a sweep killed at any later instant finds its own.
-            write_index(folder, self.base.folder, self._shared(), self.config.powers)
-        except OSError as error:
-            raise _unwritable(folder, error) from error
+    def _take_up(self) -> tuple[list[float], set[str]]:
+        """The powers and the subjects of earlier runs; the index comes first of all files."""
+        powers: list[float] = []
+        made: set[str] = set()
+        if is_sweep(self.folder):
+            there, powers = read_shared(self.folder)
+            for power in powers:
+                made |= read_manifest(self.folder / power_folder(power) / MANIFEST).keys()
+            here = json.loads(json.dumps(self._shared()))
+            differing = sorted(k for k in there.keys() | here.keys() if there.get(k) != here.get(k))
+            if differing and made:
+                found = ", ".join(
+                    f"{k} is {json.dumps(there.get(k))} there and {json.dumps(here.get(k))} here"
+                    for k in differing
+                )
+                raise DatasetError(
+                    f"{self.folder} holds a sweep of another configuration ({found}); "
+                    "choose another folder or delete the sweep"
+                )
+            # One that has no shard yet may still change its mind.
+            powers = [] if differing else powers
+        write_index(self.folder, self.base.folder, self._shared(), powers)
+        return powers, made
 
     def _record(self, power: float) -> dict[str, Any]:
         """All that the bytes of one power's shards depend on, but for the base's."""
-        return {"light": {"power": float(power)}, **self._shared()}
+        return {"light": {"power": power}, **self._shared()}
 
     def _shared(self) -> dict[str, Any]:
         """What is the same for every power."""
-        camera = self.config.color_camera
         return {
             "exposure": self.exposure,
-            "color_camera": None if camera is None else asdict(camera),
+            "color_camera": _camera_record(self.config.color_camera),
             "draw": self.config.draw,
             "compression": self.config.compression,
             "base_config_sha256": self.base.description["config_sha256"],
@@ -218,7 +276,7 @@ class SweepTask:
         shard: the subject's shard there, a path below it.
         sha256: of that shard, as the manifest has it.
         config: the sweep's.
-        exposure: factor on linear radiance.
+        records: watts -> the configuration of that power's dataset.
         powers: watts -> the file to make.
         versions: what makes the shards.
         threads: threads of the CPU that the task may use.
@@ -229,7 +287,7 @@ class SweepTask:
     shard: str
     sha256: str
     config: SweepConfig
-    exposure: float
+    records: dict[float, dict[str, Any]]
     powers: dict[float, Path]
     versions: dict[str, str]
     threads: int
@@ -248,6 +306,8 @@ def sweep(work: Sweep, jobs: int | None) -> bool:
     powers, subjects = len(work.writers), len(work.planned)
     if lacking < subjects:
         print(f"{subjects - lacking} of {subjects} subjects stand already", file=sys.stderr)
+    if work.dropped:
+        print(f"no longer part of the sweep: {', '.join(work.dropped)}", file=sys.stderr)
     progress = Progress("sweep", lacking)
     failed = 0
     try:
@@ -263,15 +323,18 @@ def sweep(work: Sweep, jobs: int | None) -> bool:
             progress.step(task.subject, why)
     finally:
         progress.close()
-    for writer in work.writers.values():
-        writer.finish()
+    work.finish()
     elapsed = time.monotonic() - start
     print(
-        f"{powers} powers of {subjects - failed} subjects in {work.folder}\n"
-        f"{lacking - failed} subjects made now in {elapsed:.0f} s; {failed} set aside"
+        f"{_count(powers, 'power')} of {_count(subjects - failed, 'subject')} in {work.folder}\n"
+        f"{_count(lacking - failed, 'subject')} made now in {elapsed:.0f} s; {failed} set aside"
         + (f", see {work.folder}/*/failures.jsonl" if failed else "")
     )
     return failed == 0
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def light_subject(task: SweepTask) -> dict[float, ShardResult]:
@@ -335,7 +398,7 @@ def _render(
                 f"{path} is not the file that the shard was rendered from; "
                 f"build {task.base} again, or keep its light with --shards.radiance true"
             )
-    subject = read_subject(subject_folder(task.base, task.subject))
+    subject = _subject(task, meta)
     camera = meta["camera"]
     rows, columns = camera["size"]
     return capture_radiance(
@@ -349,25 +412,54 @@ def _render(
     )
 
 
+def _subject(task: SweepTask, meta: Mapping[str, Any]) -> Subject:
+    """The subject whose surface the shard shows.
+
+    Raises:
+        ShardError: its record is missing, torn, or of another surface than the shard's.
+    """
+    folder = subject_folder(task.base, task.subject)
+    try:
+        subject = read_subject(folder)
+        same = subject.mesh.samefile(task.base / meta["mesh"])
+        same &= np.array_equal(subject.mesh_to_world, meta["mesh_to_world"])
+        same &= subject.flip_faces == meta["flip_faces"]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        same = False
+    if not same:
+        raise ShardError(
+            f"{folder / RECORD} is missing or not of the surface that the shard shows; "
+            f"build {task.base} again, or keep its light with --shards.radiance true"
+        )
+    return subject
+
+
 def _meta(task: SweepTask, base: Shard, power: float) -> dict[str, Any]:
     """The base's meta under another light; its files lie behind the link."""
-    meta = base.meta
-    camera = task.config.color_camera
+    meta, record = base.meta, task.records[power]
     return {
         **meta,
         "mesh": f"{BASE}/{meta['mesh']}",
         "body": None if meta["body"] is None else f"{BASE}/{meta['body']}",
         "files": {f"{BASE}/{name}": sha256 for name, sha256 in meta["files"].items()},
-        "light": {**meta["light"], "power": float(power), "exposure": task.exposure},
-        "color_camera": None if camera is None else asdict(camera),
-        "color_draw": task.config.draw,
+        "light": {**meta["light"], "power": power, "exposure": record["exposure"]},
+        "color_camera": record["color_camera"],
+        "sweep": record,
         "base": {
             "shard": f"{BASE}/{task.shard}",
-            "bytes": base.path.stat().st_size,
+            "contents": base.contents,
             "sha256": task.sha256,
         },
         "versions": task.versions,
     }
+
+
+def _camera_record(camera: ColorCamera | None) -> dict[str, float | int] | None:
+    """JSON values that do not depend on whether 8000 was given or 8000.0."""
+    if camera is None:
+        return None
+    whole, read = float(camera.full_well), float(camera.read_noise)
+    return {"full_well": whole, "read_noise": read, "bits": camera.bits}
 
 
 def _versions(kept: bool) -> dict[str, str]:
@@ -377,9 +469,3 @@ def _versions(kept: bool) -> dict[str, str]:
         names = (*names, "bpy", "openexr", "trimesh")
     found: Mapping[str, str] = {name: version(name) for name in names}
     return {"python": platform.python_version(), **found}
-
-
-def _unwritable(folder: Path, error: OSError) -> DatasetError:
-    return DatasetError(
-        f"output '{folder}' cannot be written ({error.strerror}); choose another folder"
-    )

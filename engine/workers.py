@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -55,7 +56,8 @@ def run(
             while not broken:
                 while source and len(under_way) < places:
                     try:
-                        under_way[pool.submit(function, source[0].item)] = source[0]
+                        with _no_interrupt():
+                            under_way[pool.submit(function, source[0].item)] = source[0]
                     except BrokenProcessPool:  # a worker died since the last look
                         broken = True
                         break
@@ -93,6 +95,16 @@ def run(
 class _Attempt(Generic[Item]):
     item: Item
     deaths: int = 0
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Ctrl-C waits, and processes that are started never hear it: they are the parent's to end."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _pool(jobs: int, threads: int) -> ProcessPoolExecutor:

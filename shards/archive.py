@@ -141,6 +141,8 @@ class Shard:
         members: name -> StoredMember, `meta` left out, in the file's order, the base's first.
         meta: the meta data.
         base: the shard that holds the members that this file does not, or None.
+        contents: SHA-256 of what its directory lists: names, sizes and checksums (CRC-32) of all
+            members, which no other shard shares; told without reading them.
 
     Args:
         path: the npz.
@@ -155,7 +157,7 @@ class Shard:
         self.path = Path(path)
         self._map: mmap.mmap | None = None
         with _errors_named(self.path), self.path.open("rb") as file:
-            self.members = _read_directory(file)
+            self.members, self.contents = _read_directory(file)
             if schema.META not in self.members:
                 raise ValueError("it has no member 'meta'")
             if self.members[schema.META].dtype.kind != "U":
@@ -185,12 +187,12 @@ class Shard:
                 f"{path} is missing, and {self.path} lacks what it holds; "
                 "bring that dataset back, or link it there anew"
             )
-        if path.stat().st_size != named["bytes"]:
+        base = Shard(path, alone=True)
+        if base.contents != named["contents"]:
             raise ShardError(
-                f"{path} is another file than {self.path} was made for; "
-                "make the latter again from it"
+                f"{path} holds other maps than {self.path} was made for; run the sweep again"
             )
-        return Shard(path, alone=True)
+        return base
 
     def __repr__(self) -> str:
         return f"Shard({str(self.path)!r})"
@@ -246,13 +248,14 @@ class Shard:
         if self.base is not None:
             lent = self.base.view(index, [name for name in wanted if name not in self._own])
         with _errors_named(self.path), self.path.open("rb", buffering=0) as file:
-            return lent | {
+            own = {
                 name: _read_whole(file, name)[index].copy()
                 if member.offset is None
                 else _read_view(file, member, index)
                 for name, member in wanted.items()
                 if name not in lent
             }
+        return {name: lent[name] if name in lent else own[name] for name in wanted}
 
     def close(self) -> None:
         """Forget the map; arrays already handed out stay good."""
@@ -295,7 +298,9 @@ def _refuse_constant(name: str) -> None:
     raise ValueError(f"member 'meta' holds {name}, which is no finite number")
 
 
-def _read_directory(file: IO[bytes]) -> dict[str, StoredMember]:
+def _read_directory(file: IO[bytes]) -> tuple[dict[str, StoredMember], str]:
+    """Where the members lie, and the hash of what the directory says of their contents."""
+    contents = hashlib.sha256()
     end = file.seek(0, io.SEEK_END)
     members = {}
     with zipfile.ZipFile(file) as archive:
@@ -318,7 +323,8 @@ def _read_directory(file: IO[bytes]) -> dict[str, StoredMember]:
                 if offset + nbytes > end:
                     raise ValueError(f"member {name!r} reaches past the file's end")
             members[name] = StoredMember(offset, shape, dtype)
-    return members
+            contents.update(f"{name} {info.file_size} {info.CRC}\n".encode())
+    return members, contents.hexdigest()
 
 
 def _read_array_header(name: str, stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:

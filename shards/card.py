@@ -64,8 +64,8 @@ Built by Rectoverso, schema {schema_version}, from the configuration with the SH
 
 _LENT = """
 These shards share {members} with the dataset that `base` links to, and do not hold them again.
-`shards.archive.Shard` reads both as one. To pass this dataset on, copy it with its links followed
-(`cp -rL`), or pass both on side by side.
+`shards.archive.Shard` reads both as one. To pass this dataset on, pass on both, lying to each other
+as they do here: the link is relative.
 """
 
 

@@ -17,7 +17,7 @@ class ShardsConfig:
     draws: int = 1
     """Readings of the depth sensor for each view; those after the first are another member."""
     radiance: bool = False
-    """Keep linear light per watt as well, for light sweeps (about twice the bytes)."""
+    """Keep the linear light as well, for light sweeps (a third more bytes)."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.draws <= 100:

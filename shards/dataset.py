@@ -29,6 +29,7 @@ from shards.manifest import (
     write_manifest,
 )
 from shards.splits import SPLITS, Split, split_subjects
+from shards.sweep import is_sweep
 
 DOCUMENT = "dataset.json"
 MANIFEST = "manifest.jsonl"
@@ -67,7 +68,8 @@ class DatasetWriter:
         seed: of the split.
         versions: what makes the shards, name -> version.
         base: the dataset whose shards those of this one refer to, subject by subject; the split
-            is its own then. It is linked at `BASE`, and a shard whose base changed is made again.
+            is its own then. It is linked at `BASE`, and a shard whose base changed, or whose
+            `meta.sweep` is not `config`, is made again.
 
     Raises:
         DatasetError: if the folder holds a dataset of another configuration, or anything else,
@@ -197,7 +199,8 @@ class DatasetWriter:
             schema.check_meta(meta, *schema.check_arrays(shard.members))
             if self.base is not None:
                 # Whether that one is sound is for its own dataset to know.
-                return bool(meta["base"]["sha256"] == self.base.manifest[entry.subject].sha256)
+                same = meta["base"]["sha256"] == self.base.manifest[entry.subject].sha256
+                return bool(same and meta.get("sweep") == self.config)
             if meta["body"] is not None and not (self.folder / meta["body"]).is_file():
                 return False
             files = {meta["mesh"]: meta["mesh_sha256"], **meta.get("files", {})}
@@ -422,6 +425,10 @@ def _read_block(folder: Path) -> dict[str, Any]:
         if len(block["splits"]) != len(SPLITS) or not all(isinstance(n, str) for n in names):
             raise ValueError("its splits are not train and test")
     except (FileNotFoundError, NotADirectoryError):
+        if is_sweep(folder):
+            raise DatasetError(
+                f"{folder} is a light sweep, a dataset for each power; name one of them"
+            ) from None
         raise DatasetError(
             f"{folder} holds no {DOCUMENT}; name a folder that a build has made"
         ) from None

@@ -1,4 +1,4 @@
-"""One build at a time in a folder."""
+"""One writer at a time in a folder, and none while it is read from."""
 
 from __future__ import annotations
 
@@ -8,6 +8,28 @@ from typing import IO
 from shards.manifest import DatasetError
 
 LOCK = ".lock"
+
+
+def hold_folder(folder: Path) -> IO[bytes] | None:
+    """Keep writers out of a folder, other readers not, until the file returned is closed.
+
+    None where no writer ever locked it, as in a copy, or where the folder cannot be locked.
+
+    Raises:
+        DatasetError: if a writer has it.
+    """
+    import fcntl  # no system but a builder's needs it
+
+    try:
+        file = (folder / LOCK).open("rb")
+    except OSError:
+        return None
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        raise DatasetError(f"a build is writing {folder}; wait for it to end") from None
+    return file
 
 
 def lock_folder(folder: Path) -> IO[bytes]:
@@ -26,6 +48,6 @@ def lock_folder(folder: Path) -> IO[bytes]:
     except BlockingIOError:
         file.close()
         raise DatasetError(
-            f"another build is writing {folder}; wait for it or choose another folder"
+            f"{folder} is in use by another build or sweep; wait for it or choose another folder"
         ) from None
     return file

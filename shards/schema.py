@@ -255,15 +255,14 @@ def check_base(base: Any) -> None:
     """Check the `base` of a meta: the shard that holds the members that its own does not.
 
     Raises:
-        SchemaError: if it is no object of shard (path below the dataset), bytes and sha256.
+        SchemaError: if it is no object of shard (path below the dataset), contents and sha256.
     """
-    if not isinstance(base, dict) or set(base) != {"shard", "bytes", "sha256"}:
-        raise SchemaError(f"meta.base is {base!r}, no object of shard, bytes and sha256")
+    if not isinstance(base, dict) or set(base) != {"shard", "contents", "sha256"}:
+        raise SchemaError(f"meta.base is {base!r}, no object of shard, contents and sha256")
     check_relative_path(base["shard"], "meta.base.shard")
-    if type(base["bytes"]) is not int:
-        raise SchemaError(f"meta.base.bytes is {base['bytes']!r}, which is no int")
-    if not isinstance(base["sha256"], str) or not _SHA256.fullmatch(base["sha256"]):
-        raise SchemaError(f"meta.base.sha256 is {base['sha256']!r}, not 64 hex digits")
+    for key in ("contents", "sha256"):
+        if not isinstance(base[key], str) or not _SHA256.fullmatch(base[key]):
+            raise SchemaError(f"meta.base.{key} is {base[key]!r}, not 64 hex digits")
 
 
 def _check_finite(meta: Mapping[str, Any]) -> None:

@@ -7,9 +7,10 @@ import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from shards.atomic import atomic_write, is_temporary
+from shards.lock import LOCK, lock_folder
 from shards.manifest import DatasetError
 
 INDEX = "sweep.json"
@@ -31,64 +32,76 @@ def base_folder(folder: Path) -> Path:
     """The dataset that a sweep photographed.
 
     Raises:
-        DatasetError: the folder holds no sweep.
+        DatasetError: the folder holds no sweep, or the dataset is not where it says.
     """
-    return folder / _read(folder)["data"]
+    base: Path = folder / _read(folder)["data"]
+    if not base.is_dir():
+        raise DatasetError(
+            f"{folder} is of the dataset {os.path.normpath(base)}, which is not there; "
+            "bring it back, or run the sweep again with --data where it lies now"
+        )
+    return base
 
 
 def read_index(folder: Path) -> dict[float, Path]:
     """The powers of a sweep in watts and their datasets, strongest first.
 
     Raises:
+        DatasetError: the folder holds no sweep, or one without a power yet.
+    """
+    powers = _powers(_read(folder))
+    if not powers:
+        raise DatasetError(f"{folder} holds no power yet; run the sweep again")
+    return {power: folder / power_folder(power) for power in powers}
+
+
+def read_shared(folder: Path) -> tuple[dict[str, Any], list[float]]:
+    """What all powers of a sweep share, and the powers, strongest first; there may be none yet.
+
+    Raises:
         DatasetError: the folder holds no sweep.
     """
-    return {power: folder / power_folder(power) for power in _powers(_read(folder))}
+    index = _read(folder)
+    return dict(index["shared"]), _powers(index)
 
 
 def write_index(
     folder: Path, data: Path, shared: Mapping[str, Any], powers: Iterable[float]
 ) -> None:
-    """Enter powers into the index of a sweep; those of earlier runs stay.
+    """Replace the index of a sweep, or leave it as it was.
 
     Args:
         folder: of the sweep; it exists.
         data: folder of the dataset that was photographed.
         shared: JSON-ready, what is the same for every power.
         powers: watts.
-
-    Raises:
-        DatasetError: the folder holds a sweep that shares other values, or other things.
-        OSError: it cannot be written.
     """
-    every = {float(power) for power in powers}
-    if (folder / INDEX).exists():
-        known = _read(folder)
-        there: dict[str, Any] = known["shared"]
-        here = json.loads(json.dumps(shared))
-        differing = sorted(k for k in there.keys() | here.keys() if there.get(k) != here.get(k))
-        if differing:
-            found = ", ".join(
-                f"{key} is {json.dumps(there.get(key))} there and {json.dumps(here.get(key))} here"
-                for key in differing
-            )
-            raise DatasetError(
-                f"{folder} holds a sweep of another configuration ({found}); "
-                "choose another folder or delete the sweep"
-            )
-        every |= set(_powers(known))
-    elif not all(is_temporary(path) for path in folder.iterdir()):
-        raise DatasetError(
-            f"{folder} is not empty and holds no {INDEX}; choose a new or empty folder"
-        )
     index = {
         "data": os.path.relpath(data.resolve(), folder.resolve()),
         "shared": shared,
         "powers": [
-            {"power": power, "folder": power_folder(power)} for power in sorted(every, reverse=True)
+            {"power": float(power), "folder": power_folder(power)}
+            for power in sorted(powers, reverse=True)
         ],
     }
     with atomic_write(folder / INDEX) as file:
         file.write(json.dumps(index, indent=1).encode() + b"\n")
+
+
+def lock_sweep(folder: Path) -> IO[bytes]:
+    """Claim a folder for a sweep until the file returned is closed; made if missing.
+
+    Raises:
+        DatasetError: it holds other things, or another sweep is writing it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if not is_sweep(folder) and not all(
+        path.name == LOCK or is_temporary(path) for path in folder.iterdir()
+    ):
+        raise DatasetError(
+            f"{folder} is not empty and holds no {INDEX}; choose a new or empty folder"
+        )
+    return lock_folder(folder)
 
 
 def _powers(index: dict[str, Any]) -> list[float]:

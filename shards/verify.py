@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,9 +14,10 @@ import numpy as np
 from shards import schema
 from shards.archive import Shard, ShardError
 from shards.checksum import file_sha256
-from shards.dataset import FAILURES, Dataset
+from shards.dataset import BASE, FAILURES, Dataset
 from shards.manifest import DatasetError, Entry
 from shards.raycast import Hits, Surface
+from shards.sweep import base_folder, read_index, read_shared
 
 DEPTH_MEDIAN_MM = 0.005
 DEPTH_P999_MM = 0.1
@@ -144,6 +146,37 @@ def verify(
     return report
 
 
+def verify_sweep(
+    folder: Path, progress: Callable[[str], None] = lambda subject: None
+) -> dict[str, Report]:
+    """Prove a light sweep: the dataset that was photographed, and every power's colours.
+
+    Args:
+        folder: the sweep's.
+        progress: called with a subject's id when it is done, in each of the datasets.
+
+    Returns:
+        folder of a dataset -> what was found there, the photographed one's first.
+
+    Raises:
+        DatasetError: if the folder holds no sweep, or what was photographed is gone.
+    """
+    base, powers = base_folder(folder), read_index(folder)
+    shared = read_shared(folder)[0]
+    reports = {os.path.normpath(base): verify(base, progress)}
+    for power, of_power in powers.items():
+        try:
+            report = verify(of_power, progress, lent=False)
+            if Dataset(of_power).config != {"light": {"power": power}, **shared}:
+                report.breaches.append(f"{of_power} is of another light; run the sweep again")
+            if not (of_power / BASE).is_dir() or not (of_power / BASE).samefile(base):
+                report.breaches.append(f"{of_power / BASE} is not {base}; run the sweep again")
+        except DatasetError as error:
+            report = Report([str(error)])
+        reports[str(of_power)] = report
+    return reports
+
+
 def _check_folder(dataset: Dataset, breaches: list[str]) -> None:
     block = dataset.description
     splits = {name: split for split, names in block["splits"].items() for name in names}
@@ -229,11 +262,26 @@ class _SubjectCheck:
             self.breach(f"{path} has another sha256 than the manifest; delete it and build again")
 
     def _check_base(self, shard: Shard) -> None:
-        if shard.base is not None and file_sha256(shard.base.path) != shard.meta["base"]["sha256"]:
+        """Whether the base is the file that its own dataset lists, and the light the dataset's."""
+        if shard.base is None:
+            return
+        named, config = shard.meta["base"], self.dataset.config
+        if file_sha256(shard.base.path) != named["sha256"]:
             self.breach(
                 f"{shard.base.path} has another sha256 than {shard.path} was made for; "
-                "make the latter again from it"
+                "run the sweep again"
             )
+        listed = self._lender().manifest.get(self.entry.subject)
+        if listed is None or listed.sha256 != named["sha256"]:
+            self.breach(f"{self._lender().folder} lists no such shard; run the sweep again")
+        elif listed.split != self.entry.split:
+            self.breach(f"it is in the {listed.split} split of its base; run the sweep again")
+        light = config.get("light", {})
+        if shard.meta.get("sweep") != config or shard.meta["light"]["power"] != light.get("power"):
+            self.breach(f"{shard.path} is of another light than its dataset; run the sweep again")
+
+    def _lender(self) -> Dataset:
+        return Dataset(self.dataset.folder / BASE)
 
     def _surface(self, shard: Shard, key: str) -> Surface | None:
         """The mesh that meta names under `key`, or None and a breach."""

@@ -530,3 +530,26 @@ def test_a_sensor_that_is_none(tmp_path):
     assert result.returncode == 2
     assert "NormalGAN, KinectV2, TimeOfFlight, KinectV1, AzureKinect" in result.stderr
     assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(("option", "known"), [("sensor", "KinectV2"), ("subjects", "Scans")])
+def test_help_of_a_class_that_is_none(option, known):
+    result = pipeline("build", f"--{option}.help", "Kinect9")
+    assert result.returncode == 2
+    assert known in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_an_interrupt_while_modules_load_is_heard(tmp_path):
+    """Some modules swallow what is raised while they are imported."""
+    process = subprocess.Popen(
+        [sys.executable, "-X", "importtime", "pipeline.py", "verify", str(tmp_path)],
+        cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    lines = iter(process.stderr.readline, "")
+    next(line for line in lines if line.endswith("jsonargparse._optionals\n"))
+    process.send_signal(signal.SIGINT)
+    rest = process.stderr.read().splitlines()
+    assert process.wait(timeout=20) == 130
+    assert rest[-1] == "interrupted; run the same command again to go on"
+    assert not any("Traceback" in line for line in rest)

@@ -19,18 +19,17 @@ from PIL import Image
 
 from augment import sensors
 from augment.color_camera import ColorCamera
-from augment.light import LightConfig
-from augment.photograph import develop, photograph
-from engine.sweep import Sweep, SweepConfig
+from augment.light import LightConfig, expose
+from engine.sweep import Sweep, SweepConfig, _foreground
 from engine.tasks import read_subject, subject_folder
 from render.camera import Camera
 from render.capture import capture_radiance
 from render.cycles import CyclesConfig
 from shards.archive import ShardError
 from shards.dataset import Dataset
-from shards.schema import RADIANCE_WATTS
-from shards.sweep import read_index
-from shards.verify import verify
+from shards.splits import split_subjects
+from shards.sweep import read_index, read_shared
+from shards.verify import verify, verify_sweep
 
 ROOT = Path(__file__).parents[1]
 POWERS = [2000.0, 730.0, 100.0]
@@ -106,11 +105,18 @@ def swept(data) -> Path:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Every file of a sweep but for its locks and what tells of time, by its place."""
+    """Every file of a sweep but for the manifests, which tell seconds, by its place."""
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in sorted(folder.glob("*W/shards/*"))
+        for path in sorted([*folder.glob("*W/*.*"), *folder.glob("*W/shards/*")])
+        if path.is_file() and path.name not in ("manifest.jsonl", ".lock")
     }
+
+
+def images(folder: Path, subject: str = "s0") -> np.ndarray:
+    """(2, V, H, W, 3) colours of a dataset's subject, front and back."""
+    shard = Dataset(folder).shard(subject)
+    return np.stack([shard["rgb_front"], shard["rgb_back"]])
 
 
 def render_at(data: str, power: float | None) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -142,37 +148,57 @@ def render_at(data: str, power: float | None) -> tuple[list[np.ndarray], list[np
     return list(fronts), list(backs)
 
 
+def foreground(data: str, output: str) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The light per watt that the sweep multiplies, of s0."""
+    with Sweep(SweepConfig(subjects=["s0"]), Path(data), Path(output)) as work:
+        (task,) = work.tasks(threads=2)
+    shard = Dataset(data).shard("s0")
+    return _foreground(task, shard, shard["mask"])
+
+
 @pytest.fixture(scope="module")
-def one_watt(data, in_worker) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """What the pipeline multiplies."""
-    return in_worker(render_at, str(data), None)
+def rendered(data, in_worker, tmp_path_factory) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """From a render, float32."""
+    return in_worker(foreground, str(data), str(tmp_path_factory.mktemp("r") / "sweep"))
+
+
+@pytest.fixture(scope="module")
+def stored(kept, tmp_path_factory) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """From a shard, half precision."""
+    return foreground(str(kept), str(tmp_path_factory.mktemp("s") / "sweep"))
 
 
 @pytest.mark.parametrize("power", [2000.0, 100.0])
 def test_a_power_is_what_blender_renders_at_that_power(
-    data, kept, one_watt, in_worker, power
+    data, rendered, stored, in_worker, power
 ) -> None:
     """In linear radiance: 1e-5 from a float render, half precision from a shard's radiance."""
     direct = in_worker(render_at, str(data), power)
-    shard = Dataset(kept).shard("s0")
-    for side, name in enumerate(("front", "back")):
+    mask = Dataset(data).shard("s0")["mask"]
+    light = LightConfig(power=power, exposure=1.0)
+    for side in range(2):
         for view in range(2):
-            due = direct[side][view].astype(np.float64)
-            lit = due > 0
-            assert lit.any(axis=-1).mean() > 0.05
-            ours = one_watt[side][view] * np.float64(power)
-            assert (np.abs(ours - due)[lit] <= 1e-5 * due[lit]).all()
-            assert not ours[~lit].any()
-            stored = shard[f"radiance_{name}"][view].astype(np.float64)
-            stored *= power / RADIANCE_WATTS
-            assert (np.abs(stored - due)[lit] <= 1e-3 * due[lit]).all()
-            # As an image too: the noiseless sweep is the noiseless picture of that render.
-            light = LightConfig(**{**shard.meta["light"], "power": power})
-            mask = shard["mask"][view : view + 1]
-            seen = one_watt[side][view][mask[0]]
-            image = photograph([seen], mask, light, None, (0, "s0", name))[0]
-            exposed = direct[side][view][mask[0]] * np.float32(light.exposure)
-            assert np.abs(image[mask[0]].astype(int) - develop(exposed)).max() <= 1
+            due = direct[side][view][mask[view]].astype(np.float64)
+            assert (due > 0).mean() > 0.5
+            for kind, bound in ((rendered, 1e-5), (stored, 1e-3)):
+                ours = expose(kind[side][view], light)
+                assert (np.abs(ours - due) <= bound * due).all()
+
+
+def test_kept_and_rendered_light_give_the_same_images(data, kept, tmp_path) -> None:
+    """Half precision turns two bytes in a thousand, by one; noise is the same in both."""
+    for name, noise in (("quiet", "null"), ("noisy", '{"full_well": 8000}')):
+        for folder in (data, kept):
+            output = tmp_path / f"{name}-{folder.parent.name}"
+            assert sweep(folder, output, "--color_camera", noise).returncode == 0
+        for power in ("2000W", "0100W"):
+            one, other = (
+                images(tmp_path / f"{name}-{folder.parent.name}" / power).astype(int)
+                for folder in (data, kept)
+            )
+            assert one.max() > 20
+            assert np.abs(one - other).max() <= 1
+            assert (one != other).mean() < 2e-3
 
 
 def test_without_noise_the_dataset_s_own_power_is_the_dataset(data, tmp_path) -> None:
@@ -217,9 +243,10 @@ def test_the_rest_is_the_base_s_and_not_copied(data, swept) -> None:
         both = shard.view(0, ["rgb_back", "depth_front"])
         assert both["rgb_back"].tobytes() == shard["rgb_back"][0].tobytes()
         assert not shard["rgb_front"][~shard["mask"]].any()
+        assert "bpy" in shard.meta["versions"]
 
 
-def test_weaker_light_is_darker_and_noisier(data, swept, one_watt) -> None:
+def test_weaker_light_is_darker_and_noisier(data, swept, rendered) -> None:
     """The noise is the camera's at each power, and another one for every power and view."""
     shard = Dataset(data).shard("s0")
     mask = shard["mask"][0]
@@ -228,7 +255,7 @@ def test_weaker_light_is_darker_and_noisier(data, swept, one_watt) -> None:
     for power, folder in read_index(swept).items():
         image = Dataset(folder).shard("s0")["rgb_front"][0][mask].astype(float) / 255
         linear = np.where(image <= 0.04045, image / 12.92, ((image + 0.055) / 1.055) ** 2.4)
-        clean = one_watt[0][0][mask] * power * 0.06
+        clean = rendered[0][0] * power * 0.06
         level = (clean > 0.3 * clean.max()) & (clean < 0.8)
         variance = clean[level] / camera.full_well + (camera.read_noise / camera.full_well) ** 2
         error = (linear - clean)[level]
@@ -249,10 +276,38 @@ def test_verify_proves_a_power_and_the_sweep(data, swept) -> None:
     assert report.figures["s0"]["depth_median_mm"] < 0.005
 
 
+def test_verify_notices_a_power_of_another_light(copied) -> None:
+    """A folder in another's place, shards in another's place, and a base that is none."""
+    base, moved = copied
+    assert all(report.ok for report in verify_sweep(moved).values())
+    shutil.rmtree(moved / "0730W")
+    shutil.copytree(moved / "0100W", moved / "0730W", symlinks=True)
+    reports = list(verify_sweep(moved).values())
+    assert [report.ok for report in reports] == [True, True, False, True]
+    assert "is of another light" in reports[2].breaches[0]
+    result = pipeline("verify", moved)
+    assert result.returncode == 1
+    assert "0730W: 1 breach" in result.stdout
+    assert result.stdout.count("W: sound") == 2
+    shutil.rmtree(moved / "0730W")
+    assert not next(iter(list(verify_sweep(moved).values())[2:])).ok
+    again = sweep(base, moved)
+    assert again.returncode == 0, again.stderr
+    assert all(report.ok for report in verify_sweep(moved).values())
+    (moved / "0100W" / "base").unlink()
+    (moved / "0100W" / "base").symlink_to(moved)
+    assert [r.ok for r in verify_sweep(moved).values()] == [True, True, True, False]
+    base.rename(base.with_name("elsewhere"))
+    result = pipeline("verify", moved)
+    assert result.returncode == 2
+    assert "run the sweep again with --data where it lies now" in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
 def test_the_same_bytes_from_any_number_of_workers_after_kills(data, swept, tmp_path) -> None:
     output = tmp_path / "sweep"
     command = [sys.executable, ROOT / "pipeline.py", "sweep", "--data", data, "--output", output]
-    command += ["--powers", str(POWERS), "--jobs", "1"]
+    command += ["--powers", str(POWERS), "--jobs", "2"]
     for marker in ("2000W/dataset.json", "2000W/shards/s?.npz"):
         process = subprocess.Popen(
             list(map(str, command)), cwd=ROOT, start_new_session=True,
@@ -270,29 +325,89 @@ def test_the_same_bytes_from_any_number_of_workers_after_kills(data, swept, tmp_
     assert result.returncode == 0, result.stderr
     assert contents(output) == contents(swept)
     assert not [p for p in output.rglob(".*") if p.name != ".lock"]
+    assert read_shared(output) == read_shared(swept)
     again = sweep(data, output)
     assert "0 subjects made now" in again.stdout
 
 
-def test_more_powers_join_and_an_own_light_is_kept(kept, tmp_path) -> None:
+def test_powers_and_subjects_join_those_that_stand(kept, tmp_path) -> None:
     """From the radiance in the shards: Blender is not started, nor is anything it needs there."""
     shutil.copytree(kept, tmp_path / "data", symlinks=True)
     shutil.rmtree(tmp_path / "data" / "subjects")
+    (tmp_path / "data" / "subjects").mkdir()
     config = tmp_path / "k.yaml"
-    config.write_text("powers: [500]\nsubjects: [s1]\nexposure: 0.1\n")
-    for options in ((), ("--powers", "[12.5]")):
+    config.write_text("powers: [500]\nsubjects: [s1]\nexposure: 0.1\ncompression: deflate\n")
+    before = {}
+    for options in ((), ("--powers", "[12.5]"), ("--subjects", "[s0]")):
         result = pipeline(
             "sweep", "--config", config, "--data", tmp_path / "data", "--output",
             tmp_path / "sweep", *options,
         )  # fmt: skip
         assert result.returncode == 0, result.stderr
+        now = {k: v for k, v in contents(tmp_path / "sweep").items() if "shards/" in k}
+        assert before.items() <= now.items()
+        before = now
     index = read_index(tmp_path / "sweep")
     assert [folder.name for folder in index.values()] == ["0500W", "0012.5W"]
-    shard = Dataset(index[500.0]).shard("s1")
-    assert Dataset(index[500.0]).subjects() == ["s1"]
-    assert shard.meta["light"]["exposure"] == 0.1
-    assert "bpy" not in shard.meta["versions"]
-    assert shard["rgb_front"].any()
+    for folder in index.values():
+        assert Dataset(folder).subjects() == ["s0", "s1"]
+        shard = Dataset(folder).shard("s1")
+        assert shard.meta["light"]["exposure"] == 0.1
+        assert "bpy" not in shard.meta["versions"]
+        assert shard.members["rgb_front"].offset is None
+        assert shard["rgb_front"].any()
+
+
+def test_options_choose_subjects_noise_and_draw(kept, tmp_path) -> None:
+    for name, options in {
+        "plain": (),
+        "draw": ("--draw", 1),
+        "test": ("--split", "test"),
+        "small": ("--color_camera.full_well", 500),
+    }.items():
+        assert sweep(kept, tmp_path / name, *options).returncode == 0
+    only = Dataset(kept).subjects("test")
+    assert Dataset(tmp_path / "test" / "0100W").subjects() == only
+    plain, drawn, small = (
+        images(tmp_path / name / "0100W").astype(int) for name in ("plain", "draw", "small")
+    )
+    assert (plain != drawn).mean() > 0.01
+    assert plain.mean() == pytest.approx(drawn.mean(), rel=0.01)
+    mask = Dataset(kept).shard("s0")["mask"]
+    scatter = [
+        np.abs(np.diff(i, axis=-2))[:, mask[..., 1:] & mask[..., :-1]] for i in (plain, small)
+    ]
+    assert scatter[1].mean() > 1.5 * scatter[0].mean()
+
+
+def test_splits_follow_the_base_in_every_power(tmp_path) -> None:
+    """A base that grew has other splits; no power keeps the old ones."""
+    base = build(tmp_path, "--shards.radiance", "true", count=3)
+    assert sweep(base, tmp_path / "sweep").returncode == 0
+    old = Dataset(base).subjects("test")
+    ids = Dataset(base).subjects()
+    new = next(n for n in map(str, range(99)) if split_subjects([*ids, n], 5)[old[0]] == "train")
+    write_scan(tmp_path / "scans" / f"{new}.glb", seed=9)
+    config = tmp_path / "config.yaml"
+    result = pipeline("build", "--config", config, "--output", base, "--shards.radiance", "true")
+    assert result.returncode == 0, result.stderr
+    assert Dataset(base).subjects("test") == [new]
+    assert any(
+        "split of its base" in b
+        for r in verify_sweep(tmp_path / "sweep").values()
+        for b in r.breaches
+    )
+    result = pipeline(
+        "sweep", "--data", base, "--output", tmp_path / "sweep", "--powers", "[50]",
+        "--subjects", "[s0]",
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    splits = {
+        tuple((name, entry.split) for name, entry in Dataset(folder).manifest.items())
+        for folder in read_index(tmp_path / "sweep").values()
+    }
+    assert len(splits) == 1
+    assert all(report.ok for report in verify_sweep(tmp_path / "sweep").values())
 
 
 def test_the_depth_sensor_reads_the_base(data, swept) -> None:
@@ -328,14 +443,10 @@ def test_both_may_be_moved_together_and_a_lost_base_is_named(copied) -> None:
 def test_another_base_is_noticed_and_photographed_again(copied) -> None:
     base, moved = copied
     path = base / "shards" / "s0.npz"
-    bytes_ = bytearray(path.read_bytes())
-    path.write_bytes(bytes_[:-1])
-    with pytest.raises(ShardError, match="another file than"):
-        Dataset(moved / "0100W").shard("s0")
-    bytes_[len(bytes_) // 2] ^= 1
-    path.write_bytes(bytes_)
-    breaches = verify(moved / "0100W", lent=False).breaches
-    assert "another sha256" in breaches[0]
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    assert "another sha256" in verify(moved / "0100W", lent=False).breaches[0]
     # The manifest lists another file: nothing is photographed from what it does not know.
     shutil.rmtree(moved / "0100W")
     result = sweep(base, moved)
@@ -343,6 +454,44 @@ def test_another_base_is_noticed_and_photographed_again(copied) -> None:
     reasons = [json.loads(x) for x in (moved / "0100W/failures.jsonl").read_text().splitlines()]
     assert [failure["subject"] for failure in reasons] == ["s0"]
     assert "is not the file that the manifest lists" in reasons[0]["reason"]
+
+
+def test_a_base_built_anew_from_another_seed_is_not_taken_for_the_same(copied) -> None:
+    """Its shards have the same size to the byte."""
+    base, moved = copied
+    config = base.parent / "config.yaml"
+    folder = base.parent / "again"
+    (folder / "scans").mkdir(parents=True)
+    for i in range(2):
+        write_scan(folder / "scans" / f"s{i}.glb", seed=i)
+    settings = yaml.safe_load((ROOT / "configs" / "scans.yaml").read_text())
+    settings["subjects"]["init_args"] |= {"root": str(folder / "scans"), "licence": "CC0-1.0"}
+    config.write_text(yaml.safe_dump({**settings, "views": {"count": 2}, "cycles": {"samples": 4}}))
+    shutil.rmtree(base)
+    assert pipeline("build", "--config", config, "--output", base, "--seed", 6).returncode == 0
+    with pytest.raises(ShardError, match="holds other maps than"):
+        Dataset(moved / "0100W").shard("s0")
+
+
+@pytest.mark.parametrize("harm", ["missing", "torn", "moved"])
+def test_a_record_that_is_not_the_shards_is_not_rendered(copied, harm) -> None:
+    base, moved = copied
+    shutil.rmtree(moved)
+    path = base / "subjects" / "s1" / "subject.json"
+    text = path.read_text()
+    if harm == "missing":
+        path.unlink()
+    elif harm == "torn":
+        path.write_text(text[: len(text) // 2])
+    else:
+        record = json.loads(text)
+        record["subject"]["mesh_to_world"][0][3] += 0.2
+        path.write_text(json.dumps(record))
+    result = sweep(base, moved)
+    assert result.returncode == 1
+    assert "subject.json is missing or not of the surface that the shard shows" in result.stderr
+    assert "Traceback" not in result.stderr
+    assert Dataset(moved / "2000W").subjects() == ["s0"]
 
 
 def test_a_mesh_that_changed_is_not_rendered(copied) -> None:
@@ -362,7 +511,7 @@ def test_a_mesh_that_changed_is_not_rendered(copied) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--powers", "[100, 0]"), "powers: 0.0 W; give watts above 0"),
+        (("--powers", "[100, 0]"), "powers: 0.0 W; give watts above 0 and below 1e9"),
         (("--powers", "[-100]"), "powers: -100.0 W; give watts above 0"),
         (("--powers", "[.nan]"), "powers: nan W; give watts above 0"),
         (("--powers", "[]"), "powers: none is given"),
@@ -374,6 +523,9 @@ def test_a_mesh_that_changed_is_not_rendered(copied) -> None:
         (("--subjects", "[nobody]"), "has no finished subject 'nobody'; it has s0, s1"),
         (("--split", "validation"), "split: expected 'train' or 'test'"),
         (("--powrs", "[5]"), "did you mean powers?"),
+        (("--color_camera.full_wel", "3"), "color_camera.full_wel: 3 does not fit; there are full"),
+        (("--color_camera.bits", "0.5"), "bits (a whole number)"),
+        (("--draw", "1", "--color_camera", "null"), "draw: 1 of no noise"),
     ],
 )
 def test_a_wrong_call_says_so_in_one_line_before_any_work(data, tmp_path, options, message) -> None:
@@ -389,9 +541,11 @@ def test_a_folder_that_cannot_be_used(data, swept, tmp_path) -> None:
     (tmp_path / "full" / "thesis.tex").touch()
     cases = [
         ((data, tmp_path / "full"), "is not empty and holds no sweep.json"),
-        ((data, data), "is the dataset itself"),
+        ((data, data), "lie in each other"),
         ((tmp_path / "full", tmp_path / "sweep"), "holds no dataset.json"),
         ((swept / "0100W", tmp_path / "sweep"), "is a part of a sweep itself"),
+        ((data, data / "shards" / "sweep"), "lie in each other"),
+        ((data, data.parent), "lie in each other"),
         ((data, swept, "--exposure", "0.2"), "exposure is 0.06 there and 0.2 here"),
     ]
     for arguments, message in cases:
@@ -399,6 +553,39 @@ def test_a_folder_that_cannot_be_used(data, swept, tmp_path) -> None:
         assert result.returncode == 2
         assert message in result.stderr
         assert result.stderr.count("\n") == 1
+    assert not (data / "shards" / "sweep").exists()
+    alone = pipeline("sweep")
+    assert "the following arguments are required: --data, --output" in alone.stderr
+    (tmp_path / "bad.yaml").write_text("powers: [0]\n")
+    result = pipeline(
+        "sweep", "--config", tmp_path / "bad.yaml", "--data", data, "--output", tmp_path / "sweep"
+    )
+    assert f"{tmp_path / 'bad.yaml'}: powers: 0.0 W" in result.stderr
+
+
+def test_a_power_that_cannot_be_begun_is_not_in_the_index(data, swept, tmp_path) -> None:
+    shutil.copytree(swept, tmp_path / "sweep", symlinks=True)
+    (tmp_path / "sweep" / "0050W").mkdir()
+    (tmp_path / "sweep" / "0050W" / "thesis.tex").touch()
+    result = pipeline(
+        "sweep", "--data", data, "--output", tmp_path / "sweep", "--powers", "[70, 50]"
+    )
+    assert result.returncode == 2
+    assert "0050W is not empty" in result.stderr
+    assert list(read_index(tmp_path / "sweep")) == POWERS
+
+
+def test_a_sweep_without_a_shard_may_change_its_mind(data, tmp_path) -> None:
+    with Sweep(SweepConfig(powers=[100], exposure=1), data, tmp_path / "sweep"):
+        pass
+    with Sweep(SweepConfig(powers=[200], exposure=0.5), data, tmp_path / "sweep") as work:
+        assert list(work.writers) == [200.0]
+    with Sweep(
+        SweepConfig(powers=[200], exposure=0.5, color_camera=ColorCamera(8000)),
+        data,
+        tmp_path / "sweep",
+    ):
+        assert list(read_index(tmp_path / "sweep")) == [200.0]
 
 
 def test_a_second_sweep_of_a_folder_waits_for_nothing_and_says_so(data, swept) -> None:
@@ -406,4 +593,8 @@ def test_a_second_sweep_of_a_folder_waits_for_nothing_and_says_so(data, swept) -
     with Sweep(config, data, swept):
         result = sweep(data, swept)
     assert result.returncode == 2
-    assert "another build is writing" in result.stderr
+    assert "is in use by another build or sweep" in result.stderr
+    with Sweep(config, data, swept):
+        result = pipeline("build", "--config", data.parent / "config.yaml", "--output", data)
+    assert result.returncode == 2
+    assert "is in use by another build or sweep" in result.stderr

@@ -233,7 +233,7 @@ def sweep(build: Build, tmp_path: Path) -> Made:
         if radiance:
             for side, image in light.items():
                 arrays[f"radiance_{side}"] = np.stack([image * RADIANCE_WATTS] * 2).astype("<f2")
-        size, sha256 = write_shard(path, arrays, meta)
+        sha256 = write_shard(path, arrays, meta)[1]
         folder = tmp_path / "sweep"
         folder.mkdir()
         write_index(folder, data, {}, POWERS)
@@ -253,7 +253,11 @@ def sweep(build: Build, tmp_path: Path) -> Made:
                 own = meta | {
                     "light": {"power": power, "position": [0, 0, 0], "exposure": EXPOSURE},
                     "color_camera": {"full_well": 8000.0} if noise else None,
-                    "base": {"shard": "base/shards/a.npz", "bytes": size, "sha256": sha256},
+                    "base": {
+                        "shard": "base/shards/a.npz",
+                        "contents": Shard(path).contents,
+                        "sha256": sha256,
+                    },
                 }
                 written = write_shard(writer.shard_path("a"), colors, own, base=Shard(path))
                 writer.add("a", *written, 1.0, "CC0-1.0")

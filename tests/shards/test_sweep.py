@@ -7,14 +7,23 @@ from pathlib import Path
 import pytest
 
 from shards.manifest import DatasetError
-from shards.sweep import INDEX, base_folder, is_sweep, power_folder, read_index, write_index
+from shards.sweep import (
+    INDEX,
+    base_folder,
+    is_sweep,
+    lock_sweep,
+    power_folder,
+    read_index,
+    read_shared,
+    write_index,
+)
 
 
 @pytest.mark.parametrize(
     ("power", "name"),
-    [(2000, "2000W"), (100.0, "0100W"), (12.5, "0012.5W"), (12000.0, "12000W"), (0.1, "0000.1W")],
+    [(2000, "2000W"), (100.0, "0100W"), (12.5, "0012.5W"), (5000, "5000W"), (0.1, "0000.1W")],
 )
-def test_folders_sort_as_the_powers_do(power, name):
+def test_folders_of_whole_watts_sort_as_the_powers_do(power, name):
     assert power_folder(power) == name
 
 
@@ -23,32 +32,33 @@ def test_no_two_powers_share_a_folder():
     assert len({power_folder(power) for power in powers}) == len(powers)
 
 
-def test_powers_join_those_that_stand(tmp_path):
+def test_the_index_gives_back_what_was_written(tmp_path):
     sweep, data = tmp_path / "a" / "sweep", tmp_path / "data"
-    sweep.mkdir(parents=True)
     assert not is_sweep(sweep)
-    write_index(sweep, data, {"exposure": 0.06}, [100, 2000.0])
-    write_index(sweep, data, {"exposure": 0.06}, [100.0, 500.0])
+    with lock_sweep(sweep):
+        write_index(sweep, data, {"exposure": 0.06}, [])
+        with pytest.raises(DatasetError, match="holds no power yet"):
+            read_index(sweep)
+        write_index(sweep, data, {"exposure": 0.06}, [100, 2000.0, 500])
     assert is_sweep(sweep)
-    assert read_index(sweep) == {
-        2000.0: sweep / "2000W",
-        500.0: sweep / "0500W",
-        100.0: sweep / "0100W",
-    }
-    assert list(read_index(sweep)) == [2000.0, 500.0, 100.0]
-    assert base_folder(sweep).resolve() == data
-    with pytest.raises(DatasetError, match=r"exposure is 0\.06 there and 0\.1 here; |choose"):
-        write_index(sweep, data, {"exposure": 0.1}, [50.0])
-    assert len(read_index(sweep)) == 3
+    powers = {2000.0: sweep / "2000W", 500.0: sweep / "0500W", 100.0: sweep / "0100W"}
+    assert read_index(sweep) == powers
+    assert list(read_index(sweep)) == list(powers)
+    assert read_shared(sweep) == ({"exposure": 0.06}, list(powers))
+    with pytest.raises(DatasetError, match="with --data where it lies now"):
+        base_folder(sweep)
+    data.mkdir()
+    assert base_folder(sweep).samefile(data)
 
 
 def test_what_an_interrupted_writer_left_is_no_hindrance_and_a_thesis_is(tmp_path):
     (tmp_path / f".{INDEX}.host.1.tmp").touch()
-    write_index(tmp_path, tmp_path, {}, [1.0])
-    (tmp_path / INDEX).unlink()
+    with lock_sweep(tmp_path), pytest.raises(DatasetError, match="is in use by another"):
+        lock_sweep(tmp_path)
+    lock_sweep(tmp_path).close()
     (tmp_path / "thesis.tex").touch()
     with pytest.raises(DatasetError, match=r"is not empty and holds no sweep\.json"):
-        write_index(tmp_path, tmp_path, {}, [1.0])
+        lock_sweep(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +79,7 @@ def test_what_an_interrupted_writer_left_is_no_hindrance_and_a_thesis_is(tmp_pat
 )
 def test_what_is_no_index_is_named(tmp_path: Path, text):
     (tmp_path / INDEX).write_text(text)
-    for use in (read_index, base_folder, lambda f: write_index(f, f, {}, [1.0])):
+    for use in (read_index, base_folder, read_shared):
         with pytest.raises(DatasetError, match=r"is no index of a sweep; delete it"):
             use(tmp_path)
 
