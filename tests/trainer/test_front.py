@@ -1,0 +1,103 @@
+"""The front's network."""
+
+import time
+
+import pytest
+import torch
+
+from trainer.front import FrontNet, FrontNetConfig
+
+
+def images(height, width, batch=1):
+    torch.manual_seed(5)
+    return torch.rand(batch, 3, height, width) * 2 - 1, torch.rand(batch, 1, height, width) * 2 - 1
+
+
+@pytest.mark.parametrize("attention", [True, False])
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (16, 16), (53, 37), (424, 512)])
+def test_untrained_it_returns_its_depth_at_any_size(size, attention):
+    rgb, depth = images(*size)
+    with torch.no_grad():
+        result = FrontNet(FrontNetConfig(8, attention))(rgb, depth)
+    assert result.shape == depth.shape
+    assert torch.equal(result, depth)
+
+
+@pytest.mark.parametrize("attention", [True, False])
+def test_gradients_reach_every_parameter(attention):
+    torch.manual_seed(0)
+    network = FrontNet(FrontNetConfig(8, attention))
+    optimizer = torch.optim.SGD(network.parameters(), lr=0.1)
+    rgb, depth = images(37, 53, batch=2)
+    for _ in range(2):  # the last convolution is zero before the first step and lets nothing pass
+        optimizer.zero_grad()
+        (network(rgb, depth) - rgb[:, :1]).square().mean().backward()
+        optimizer.step()
+    still = [name for name, weight in network.named_parameters() if not weight.grad.any()]
+    assert not still
+
+
+def test_a_few_steps_learn_to_shift_depth_where_colour_says_so():
+    torch.manual_seed(0)
+    network = FrontNet(FrontNetConfig(8))
+    optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
+    rgb, depth = images(32, 32, batch=2)
+    wanted = depth + 0.3 * (rgb[:, :1] > 0)
+    losses = []
+    for _ in range(60):
+        loss = (network(rgb, depth) - wanted).abs().mean()
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(float(loss.detach()))
+    assert losses[-1] < 0.3 * losses[0]
+
+
+def test_a_correction_is_local_or_global_as_attention_says():
+    """Five hundred pixels away a U-Net of 16 x 16 cells sees nothing but the norms' statistics."""
+    for attention in (True, False):
+        torch.manual_seed(0)
+        network = FrontNet(FrontNetConfig(8, attention)).eval()
+        torch.nn.init.normal_(network.decoder.head.weight)
+        _without_norms(network)
+        rgb, depth = images(16, 528)
+        with torch.no_grad():
+            before = network(rgb, depth)[..., 520:]
+            rgb[..., :8] += 1
+            change = (network(rgb, depth)[..., 520:] - before).abs().max()
+        assert bool(change > 0) is attention
+
+
+def _without_norms(network):
+    for module in network.modules():
+        for name, child in module.named_children():
+            if isinstance(child, torch.nn.GroupNorm):
+                setattr(module, name, torch.nn.Identity())
+
+
+@pytest.mark.parametrize(("width", "attention"), [(32, True), (16, True), (32, False), (16, False)])
+def test_the_docstring_counts_the_parameters(width, attention):
+    network = FrontNet(FrontNetConfig(width, attention))
+    assert f"{sum(weight.numel() for weight in network.parameters()):,}" in FrontNet.__doc__
+
+
+def test_images_of_another_shape_are_refused():
+    network = FrontNet(FrontNetConfig(8))
+    rgb, depth = images(16, 16)
+    with pytest.raises(ValueError, match=r"^rgb: shape"):
+        network(depth, depth)
+    with pytest.raises(ValueError, match=r"^depth: shape"):
+        network(rgb, depth[0])
+
+
+def test_a_small_one_is_quick_without_a_gpu():
+    """About 0.02 s of one core per frame: 0.5 s would say that a layer became far dearer."""
+    network = FrontNet(FrontNetConfig(8))
+    rgb, depth = images(416, 256)
+    times = []
+    with torch.no_grad():
+        for _ in range(3):
+            start = time.process_time()
+            network(rgb, depth)
+            times.append(time.process_time() - start)
+    assert min(times) < 0.5

@@ -1,0 +1,1 @@
+"""The companion trainer: front and back branches that learn from shards."""

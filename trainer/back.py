@@ -1,0 +1,68 @@
+"""The back branch's generator: a U-Net that gives the body's bare back its clothes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from torch import Tensor, nn
+
+from trainer.blocks import Decoder, Encoder, check_maps, check_width, initialise
+
+
+@dataclass(frozen=True)
+class BackNetConfig:
+    """What a user chooses of the back's network."""
+
+    width: int = 32
+    """Channels of the first layer, a multiple of 8; the next have 2, 4 and, from the fourth on, 8
+    times as many. Time and memory grow with it, parameters with its square; pix2pix has 64.
+    """
+    in_channels: int = 1
+    """Channels of the input, of which the first is the depth that is corrected: 1 for the body's
+    coarse back, or for the front depth in its place (Table 4's "nGAN"), 4 for that with colour.
+    """
+
+    def __post_init__(self) -> None:
+        check_width("back.width", self.width)
+        if self.in_channels < 1:
+            raise ValueError(f"back.in_channels: {self.in_channels}; give 1 or more")
+
+
+class BackNet(nn.Module):
+    """The generator G of Eq. 5: coarse back depth to fine back depth and a silhouette.
+
+    A U-Net of eight encoder layers and eight decoder layers, as pix2pix's for 256 x 256, at any
+    size from one pixel: a layer halves a side and rounds up, so that 424 x 512 ends in 2 x 2 and a
+    side of one pixel stays. It predicts a correction to the first channel, zero before any
+    training: the untrained network returns the depth it is given. There is no dropout, which
+    pix2pix has for a generator's noise: one body has one back.
+
+    Parameters: 63,607,234 at width 64, 15,908,066 at 32, 3,980,146 at 16 (one input channel).
+
+    Source: "Fine Back Surfaces Oriented Human Reconstruction for Single RGB-D Images", section 3.4,
+    Eq. 5 and 13. The silhouette is a second output, for its loss to have something to learn from.
+    """
+
+    def __init__(self, config: BackNetConfig) -> None:
+        super().__init__()
+        channels = [config.width * factor for factor in (1, 2, 4, 8, 8, 8, 8, 8)]
+        self.in_channels = config.in_channels
+        self.encoder = Encoder(config.in_channels, channels)
+        self.decoder = Decoder(channels[-1], config.in_channels, channels, 2)
+        initialise(self)
+
+    def forward(self, maps: Tensor) -> tuple[Tensor, Tensor]:
+        """Fine back depth and the silhouette's logit, both (B, 1, H, W).
+
+        The depth is in the units of the first channel and not clipped; a logit above 0 is inside.
+
+        Args:
+            maps: (B, in_channels, H, W), depth normalised to [-1, 1] first.
+
+        Raises:
+            ValueError: the shape is another.
+        """
+        check_maps("maps", maps, self.in_channels)
+        *features, deepest = self.encoder(maps)
+        correction, logit = self.decoder(deepest, [maps, *features]).split(1, dim=1)
+        return maps[:, :1] + correction, logit
