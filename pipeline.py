@@ -56,15 +56,21 @@ def _run(given: list[str]) -> int:
         "build": (_add_build, _build),
         "verify": (_add_verify, _verify),
         "sweep": (_add_sweep, _sweep),
+        "train": (_add_train, _train),
     }
     parser = ArgumentParser(
-        prog="pipeline.py", description=__doc__.splitlines()[0], exit_on_error=False
+        prog="pipeline.py",
+        description=__doc__.splitlines()[0],
+        exit_on_error=False,
+        allow_abbrev=False,
     )
     choices = parser.add_subcommands(dest="command")
     children = {}
     for name, (add, run) in commands.items():
         summary = (run.__doc__ or "").splitlines()[0]
-        children[name] = ArgumentParser(description=summary, exit_on_error=False)
+        children[name] = ArgumentParser(
+            description=summary, exit_on_error=False, allow_abbrev=False
+        )
         # Only the command that was called pays for the imports of its options.
         if name in given[:1]:
             add(children[name])
@@ -158,7 +164,9 @@ def _cure(message: str, parser: ArgumentParser | None) -> str:
         message = message.replace(said, meant)
     head, required, names = message.partition("are required: ")
     # The parser names the first by its option and the others by where it keeps them.
-    message = head + required + re.sub(r"\b(?:build|sweep)\.", "--", names.replace("verify.", ""))
+    message = (
+        head + required + re.sub(r"\b(?:build|sweep|train)\.", "--", names.replace("verify.", ""))
+    )
     given = r"^(\w+):\s.*NestedArg\(key='(\w+)', val='?(.*?)'?\)"
     nested = re.search(given, message, re.DOTALL)
     if nested and parser is not None:
@@ -358,6 +366,44 @@ def _sweep_config(made: Any) -> SweepConfig:
     from engine.sweep import SweepConfig
 
     return SweepConfig(**{field.name: made[field.name] for field in fields(SweepConfig)})
+
+
+def _add_train(parser: ArgumentParser) -> None:
+    from jsonargparse import ActionConfigFile, set_parsing_settings
+
+    from trainer.branch import Branch
+    from trainer.training import TrainConfig
+
+    set_parsing_settings(docstring_parse_attribute_docstrings=True, subclasses_enabled=[Branch])
+    parser.add_argument("--config", action=ActionConfigFile, help="YAML file, see configs/")
+    parser.add_argument("--data", type=str, required=True, help="folder of the dataset")
+    parser.add_argument("--output", type=str, required=True, help="folder of the training")
+    parser.add_argument("--workers", type=int, default=2, help="processes that read views")
+    parser.add_argument("--device", type=str, default="cpu", help="where the networks are: cuda")
+    parser.add_class_arguments(TrainConfig)
+    parser.epilog = "The options of a branch: --branch.help Front, --branch.help Back."
+
+
+def _train(parser: ArgumentParser, parsed: Any) -> int:
+    """Train one branch on a dataset's shards, or go on where it stopped."""
+    from trainer.training import CHECKPOINT, TrainConfig, Training
+
+    given = parsed.train.as_dict()
+    names = [field.name for field in fields(TrainConfig)]
+    with _users_errors():
+        made = parser.instantiate(parsed).train
+        config = TrainConfig(**{name: made[name] for name in names})
+        record = {name: given[name] for name in names}
+        folders = Path(given["data"]), Path(given["output"])
+        training = Training(config, record, *folders, given["workers"], given["device"])
+    _on_interrupt(signal.default_int_handler)
+    figures = training.run()
+    print(
+        f"{training.done} epochs in {folders[1] / CHECKPOINT}\n"
+        f"test depth {figures['depth_mm']:.2f} mm off, {figures['given_mm']:.2f} before "
+        f"({figures['depth_ratio']:.0%}); normals {figures['normal_ratio']:.0%}"
+    )
+    return DONE
 
 
 if __name__ == "__main__":
