@@ -270,7 +270,8 @@ def test_weaker_light_is_darker_and_noisier(data, swept, rendered) -> None:
 def test_verify_proves_a_power_and_the_sweep(data, swept) -> None:
     whole = pipeline("verify", swept)
     assert whole.returncode == 0, whole.stdout + whole.stderr
-    assert whole.stdout.count("sound") == 1 + len(POWERS)
+    assert whole.stdout.count("W: sound") == len(POWERS)
+    assert "4 datasets, none of them unsound" in whole.stdout
     report = verify(swept / "0100W")
     assert report.ok
     assert report.figures["s0"]["depth_median_mm"] < 0.005
