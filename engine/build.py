@@ -4,22 +4,16 @@ from __future__ import annotations
 
 import sys
 import time
-import traceback
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from engine.config import BuildConfig
-from engine.progress import Progress
+from engine.stage import processors, run_stage
 from engine.tasks import ShardResult, Task, make_shard, make_subject, versions
-from engine.workers import WorkerDiedError, cpu_count, run
-from render.camera import FrameError
-from render.capture import CaptureError
-from shards.archive import ShardError
 from shards.atomic import atomic_write
 from shards.dataset import SHARDS, SUBJECTS, DatasetWriter
-from subjects.mesh import MeshError
 
 
 def open_build(config: BuildConfig, record: dict[str, Any], output: Path) -> DatasetWriter:
@@ -59,8 +53,7 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
             f"(their files in {writer.folder / SHARDS} may go)",
             file=sys.stderr,
         )
-    workers = max(1, min(jobs or cpu_count(), len(missing)))
-    threads = max(1, cpu_count() // workers)
+    workers, threads = processors(jobs, len(missing))
     views = config.views.total
     if missing:
         people = "subject" if len(missing) == 1 else "subjects"
@@ -69,8 +62,8 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
         if wait is not None:
             print(wait, file=sys.stderr)
     refused = config.subjects.refused()
-    for subject, reason in refused.items():
-        writer.fail(subject, "subjects", reason)
+    for subject, why in refused.items():
+        writer.fail(subject, "subjects", why)
     if refused:
         print(
             f"{len(refused)} set aside beforehand: {next(iter(refused.values()))}"
@@ -83,9 +76,21 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
         Task(subject, dataset, writer.shard_path(subject).resolve(), config, threads)
         for subject in missing
     ]
+
+    def fail_in(stage: str) -> Callable[[Task, str], None]:
+        return lambda task, why: writer.fail(task.subject, stage, why)
+
+    def add(task: Task, shard: ShardResult) -> None:
+        writer.add(task.subject, **asdict(shard))
+
+    def nothing(task: Task, result: None) -> None:
+        """A subject is a file; the next stage reads it."""
+
     # Sums of one thread are the same wherever they are made.
-    made = _stage("subjects", make_subject, tasks, workers, writer, threads=1)
-    rendered = _stage("render", make_shard, made, workers, writer, threads, views)
+    made = run_stage("subjects", make_subject, tasks, workers, 1, nothing, fail_in("subjects"))
+    rendered = run_stage(
+        "render", make_shard, made, workers, threads, add, fail_in("render"), views
+    )
     writer.finish()
 
     elapsed = time.monotonic() - start
@@ -105,51 +110,3 @@ def _lay_papers(config: BuildConfig, dataset: Path) -> None:
     for name, text in config.subjects.papers().items():
         with atomic_write(dataset / SUBJECTS / name) as file:
             file.write(text.encode())
-
-
-def _stage(
-    name: str,
-    function: Callable[[Task], ShardResult | None],
-    tasks: list[Task],
-    workers: int,
-    writer: DatasetWriter,
-    threads: int,
-    views: int = 0,
-) -> list[Task]:
-    """Run one stage over its tasks; returns those that worked, in order.
-
-    Every stage has worker processes of its own, so torch and Blender never share one.
-
-    Args:
-        threads: of the processor, that numerical libraries may use in a worker.
-        views: that a task of this stage makes, for the progress.
-    """
-    if not tasks:
-        return []
-    progress = Progress(name, len(tasks), views)
-    done = set()
-    try:
-        for task, result in run(function, tasks, workers, threads):
-            why = None
-            if isinstance(result, BaseException):
-                why = reason(result)
-                writer.fail(task.subject, name, why)
-            else:
-                done.add(task.subject)
-                if isinstance(result, ShardResult):
-                    writer.add(task.subject, **asdict(result))
-            progress.step(task.subject, why)
-    finally:
-        progress.close()
-    return [task for task in tasks if task.subject in done]
-
-
-def reason(error: BaseException) -> str:
-    """One line for the user; an error that is none of theirs brings its traceback along."""
-    text = " ".join(str(error).split())
-    if isinstance(
-        error, (MeshError, FrameError, CaptureError, ShardError, WorkerDiedError, OSError)
-    ):
-        return text
-    print("".join(traceback.format_exception(error)), file=sys.stderr)
-    return f"a fault of the program, please report it: {type(error).__name__}: {text}"

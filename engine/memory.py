@@ -45,8 +45,11 @@ class PeakMemory:
             held = self._process.memory_info().rss
             for child in self._process.children(recursive=True):
                 try:
-                    held += child.memory_info().rss
-                except psutil.Error:  # it ended meanwhile
+                    # Until it starts its own program a child shows the memory of its parent. The
+                    # program is asked for first, or it might start between the two answers.
+                    if child.cmdline() != child.parent().cmdline():
+                        held += child.memory_info().rss
+                except (psutil.Error, AttributeError):  # it or its parent ended meanwhile
                     continue
             self.megabytes = max(self.megabytes, round(held / 1e6))
             if self._ended.wait(INTERVAL):

@@ -23,10 +23,8 @@ import numpy as np
 from augment.color_camera import ColorCamera
 from augment.light import LightConfig
 from augment.photograph import photograph
-from engine.build import reason
-from engine.progress import Progress
+from engine.stage import processors, run_stage
 from engine.tasks import RECORD, ShardResult, read_subject, subject_folder
-from engine.workers import cpu_count, run
 from render.camera import Camera
 from render.capture import capture_radiance
 from render.cycles import CyclesConfig
@@ -35,7 +33,7 @@ from shards.atomic import remove_temporary_files
 from shards.checksum import file_sha256
 from shards.dataset import BASE, MANIFEST, SUBJECTS, Dataset, DatasetWriter
 from shards.lock import hold_folder
-from shards.manifest import DatasetError, read_manifest
+from shards.manifest import DatasetError, differences, read_manifest
 from shards.schema import RADIANCE_WATTS
 from shards.splits import Split
 from shards.sweep import is_sweep, lock_sweep, power_folder, read_shared, write_index
@@ -107,17 +105,17 @@ class Sweep:
 
     def __init__(self, config: SweepConfig, data: Path, output: Path) -> None:
         self.config, self.folder = config, output
-        self.base = Dataset(data)
-        self._refuse_place()
-        wanted = self._wanted()
-        exposure, kept = self._light(wanted)
-        self.exposure = exposure
         self._open = ExitStack()
         self.writers: dict[float, DatasetWriter] = {}
         try:
+            self.base = Dataset(data)  # first of all, for what is no dataset has no lock to hold
             held = hold_folder(self.base.folder)
             if held is not None:
                 self._open.enter_context(held)
+                self.base = Dataset(data)  # as it stands now that no build can change it
+            self._refuse_place()
+            wanted = self._wanted()
+            self.exposure, kept = self._light(wanted)
             self._open.enter_context(lock_sweep(output))
             powers, made = self._take_up()
             self.planned = sorted(set(wanted) | (made & self.base.manifest.keys()))
@@ -154,31 +152,36 @@ class Sweep:
     ) -> None:
         self._open.close()
 
-    def tasks(self, threads: int) -> list[SweepTask]:
-        """What is missing, subject by subject."""
-        tasks = []
-        for subject in self.planned:
-            lacking = {
+    @property
+    def lacking(self) -> dict[str, dict[float, Path]]:
+        """Subject -> the powers that lack it, and the files to make."""
+        files = {
+            subject: {
                 power: writer.shard_path(subject).resolve()
                 for power, writer in self.writers.items()
                 if subject not in writer.finished
             }
-            if lacking:
-                entry = self.base.manifest[subject]
-                tasks.append(
-                    SweepTask(
-                        subject,
-                        self.base.folder.resolve(),
-                        entry.file,
-                        entry.sha256,
-                        self.config,
-                        {power: self._record(power) for power in lacking},
-                        lacking,
-                        next(iter(self.writers.values())).versions,
-                        threads,
-                    )
-                )
-        return tasks
+            for subject in self.planned
+        }
+        return {subject: powers for subject, powers in files.items() if powers}
+
+    def tasks(self, threads: int) -> list[SweepTask]:
+        """What is missing, subject by subject."""
+        versions = next(iter(self.writers.values())).versions
+        return [
+            SweepTask(
+                subject,
+                self.base.folder.resolve(),
+                self.base.manifest[subject].file,
+                self.base.manifest[subject].sha256,
+                self.config,
+                {power: self._record(power) for power in powers},
+                powers,
+                versions,
+                threads,
+            )
+            for subject, powers in self.lacking.items()
+        ]
 
     def finish(self) -> None:
         """Put everything in order: every power's dataset, and no leftovers."""
@@ -236,14 +239,10 @@ class Sweep:
             for power in powers:
                 made |= read_manifest(self.folder / power_folder(power) / MANIFEST).keys()
             here = json.loads(json.dumps(self._shared()))
-            differing = sorted(k for k in there.keys() | here.keys() if there.get(k) != here.get(k))
+            differing = differences(there, here)
             if differing and made:
-                found = ", ".join(
-                    f"{k} is {json.dumps(there.get(k))} there and {json.dumps(here.get(k))} here"
-                    for k in differing
-                )
                 raise DatasetError(
-                    f"{self.folder} holds a sweep of another configuration ({found}); "
+                    f"{self.folder} holds a sweep of another configuration ({differing}); "
                     "choose another folder or delete the sweep"
                 )
             # One that has no shard yet may still change its mind.
@@ -300,29 +299,24 @@ def sweep(work: Sweep, jobs: int | None) -> bool:
         jobs: worker processes; None takes one for each processor.
     """
     start = time.monotonic()
-    lacking = len(work.tasks(1))
-    workers = max(1, min(jobs or cpu_count(), lacking))
-    threads = max(1, cpu_count() // workers)
+    lacking = len(work.lacking)
+    workers, threads = processors(jobs, lacking)
     powers, subjects = len(work.writers), len(work.planned)
     if lacking < subjects:
         print(f"{subjects - lacking} of {subjects} subjects stand already", file=sys.stderr)
     if work.dropped:
         print(f"no longer part of the sweep: {', '.join(work.dropped)}", file=sys.stderr)
-    progress = Progress("sweep", lacking)
-    failed = 0
-    try:
-        for task, result in run(light_subject, work.tasks(threads), workers, threads):
-            why = None
-            if isinstance(result, BaseException):
-                why, failed = reason(result), failed + 1
-                for power in task.powers:
-                    work.writers[power].fail(task.subject, "sweep", why)
-            else:
-                for power, written in result.items():
-                    work.writers[power].add(task.subject, **asdict(written))
-            progress.step(task.subject, why)
-    finally:
-        progress.close()
+
+    def add(task: SweepTask, shards: dict[float, ShardResult]) -> None:
+        for power, shard in shards.items():
+            work.writers[power].add(task.subject, **asdict(shard))
+
+    def fail(task: SweepTask, why: str) -> None:
+        for power in task.powers:
+            work.writers[power].fail(task.subject, "sweep", why)
+
+    tasks = work.tasks(threads)
+    failed = lacking - len(run_stage("sweep", light_subject, tasks, workers, threads, add, fail))
     work.finish()
     elapsed = time.monotonic() - start
     print(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 
@@ -18,6 +19,16 @@ def add_picture_options(parser: argparse.ArgumentParser, default: str = "all") -
     """--output of a picture, and --subjects that it shows; `default` says which, if left out."""
     parser.add_argument("--output", type=Path, required=True, help="PNG to write")
     parser.add_argument("--subjects", nargs="*", default=[], help=f"ids (default: {default})")
+
+
+def write(draw: Callable[[Path], None], output: Path) -> int:
+    """Draw a picture into a file, or say in one line why there is none; the exit status."""
+    try:
+        draw(output)
+    except (ValueError, OSError) as error:
+        return refused(error)
+    print(output)
+    return 0
 
 
 def refused(error: Exception) -> int:

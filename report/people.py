@@ -98,15 +98,12 @@ def main() -> int:
     parser.add_argument("--width", type=int, default=2000, help="pixels (default: 2000)")
     parser.add_argument("--maps", choices=("rgb", "normal"), default="rgb", help="(default: rgb)")
     options = parser.parse_args()
-    try:
-        page = contact_sheet(
-            options.data, options.subjects, options.view, options.width, options.maps
-        )
-        page.save(options.output)
-    except (ValueError, OSError) as error:
-        return command.refused(error)
-    print(options.output)
-    return 0
+
+    def draw(output: Path) -> None:
+        o = options
+        contact_sheet(o.data, o.subjects, o.view, o.width, o.maps).save(output)
+
+    return command.write(draw, options.output)
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from scipy.ndimage import distance_transform_edt
 
 from augment.light import LightConfig, expose
 from augment.photograph import develop
+from augment.srgb import linear
 from report import command
 from report import view as views
 from shards.archive import Shard
@@ -135,16 +136,9 @@ def head_box(silhouette: np.ndarray, pixel_size: float) -> tuple[int, int, int] 
     return round(middle - side / 2), round(crown - ABOVE / pixel_size), side
 
 
-def linear(colors: np.ndarray) -> np.ndarray:
-    """Linear light of sRGB bytes, 0 to 1: the inverse of `augment.srgb.srgb`."""
-    value = colors / 255
-    light: np.ndarray = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    return light
-
-
 def brightened(colors: np.ndarray, factor: float) -> np.ndarray:
     """sRGB bytes with `factor` times the linear light, clipped."""
-    return develop(factor * linear(colors))
+    return develop(factor * linear(colors / 255))
 
 
 def signal_to_noise(colors: np.ndarray, light: np.ndarray) -> float:
@@ -159,7 +153,7 @@ def signal_to_noise(colors: np.ndarray, light: np.ndarray) -> float:
     """
     if not colors.size:
         return math.nan
-    signal, noise = float(light.mean()), math.sqrt(np.mean((linear(colors) - light) ** 2))
+    signal, noise = float(light.mean()), math.sqrt(np.mean((linear(colors / 255) - light) ** 2))
     return 20 * math.log10(signal / noise) if signal and noise else math.nan
 
 
@@ -228,7 +222,7 @@ def _radiance(shard: Shard, view: int, side: str) -> np.ndarray | None:
     name = f"rgb_{side}"
     colors = base.view(view, [name])[name]
     lamp = base.meta["light"]
-    light = linear(colors) / (lamp["power"] * lamp["exposure"])
+    light = linear(colors / 255) / (lamp["power"] * lamp["exposure"])
     return np.where(colors < 255, light, np.nan).astype(np.float32)
 
 
@@ -283,13 +277,11 @@ def main() -> int:
     parser.add_argument("--view", type=int, help="which view (default: the one turned least)")
     parser.add_argument("--back", action="store_true", help="from behind")
     options = parser.parse_args()
-    try:
-        photographs = read(options.sweep, options.subject, options.view, options.back)
-        figure(photographs).save(options.output)
-    except (ValueError, OSError) as error:
-        return command.refused(error)
-    print(options.output)
-    return 0
+
+    def draw(output: Path) -> None:
+        figure(read(options.sweep, options.subject, options.view, options.back)).save(output)
+
+    return command.write(draw, options.output)
 
 
 if __name__ == "__main__":

@@ -19,8 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from augment.sensors import SENSORS, Grid, Sensor, sensor_of
-from report.command import parser as command
-from report.command import refused
+from report import command
 from report.view import chosen
 from shards.dataset import Dataset
 
@@ -187,17 +186,16 @@ def _curves(
 
 def main() -> int:
     """Draw the figure; 2 where the call or the dataset is wrong."""
-    options = command(__doc__)
+    options = command.parser(__doc__)
     options.add_argument("--output", type=Path, required=True, help="PNG to write")
     options.add_argument("--subject", help="whom to show (default: the first)")
     options.add_argument("--view", type=int, help="which view (default: the one turned least)")
     given = options.parse_args()
-    try:
-        figure(given.data, given.subject, given.view).savefig(given.output)
-    except (ValueError, OSError) as error:
-        return refused(error)
-    print(given.output)
-    return 0
+
+    def draw(output: Path) -> None:
+        figure(given.data, given.subject, given.view).savefig(output)
+
+    return command.write(draw, given.output)
 
 
 if __name__ == "__main__":

@@ -215,13 +215,12 @@ def main() -> int:
     )
     parser.add_argument("--view", type=int, default=0, help="which view (default: 0)")
     options = parser.parse_args()
-    try:
+
+    def draw(output: Path) -> None:
         subjects = _asked(options.data, options.subjects, options.limit)
-        sheet(options.data, subjects, options.view).save(options.output)
-    except (ValueError, OSError) as error:
-        return command.refused(error)
-    print(options.output)
-    return 0
+        sheet(options.data, subjects, options.view).save(output)
+
+    return command.write(draw, options.output)
 
 
 if __name__ == "__main__":

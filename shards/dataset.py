@@ -23,6 +23,7 @@ from shards.manifest import (
     DatasetError,
     Entry,
     append_json_line,
+    differences,
     read_json_lines,
     read_manifest,
     write_json_lines,
@@ -45,7 +46,6 @@ _DESCRIPTION = (
     "Pixel-aligned front and back RGB-D images of clothed human surfaces: orthographic depth, "
     "normals and colour, a simulated depth sensor, and the parametric body in the same grid."
 )
-_SHOWN_DIFFERENCES = 4
 _FAILURE = {"subject", "stage", "reason"}
 
 
@@ -262,16 +262,9 @@ class DatasetWriter:
     def _refuse_other_config(self, block: Mapping[str, Any]) -> None:
         if block["config_sha256"] == config_sha256(self.config):
             return
-        there, here = _flatten(block["config"]), _flatten(self.config)
-        keys = sorted(k for k in there.keys() | here.keys() if there.get(k) != here.get(k))
-        shown = [
-            f"{key} is {json.dumps(there.get(key))} there and {json.dumps(here.get(key))} here"
-            for key in keys[:_SHOWN_DIFFERENCES]
-        ]
-        if len(keys) > _SHOWN_DIFFERENCES:
-            shown.append(f"and {len(keys) - _SHOWN_DIFFERENCES} more keys")
+        differing = differences(block["config"], self.config)
         raise DatasetError(
-            f"{self.folder} holds a dataset of another configuration ({', '.join(shown)}); "
+            f"{self.folder} holds a dataset of another configuration ({differing}); "
             "choose another folder, restore the configuration, or delete the dataset"
         )
 
@@ -441,13 +434,3 @@ def _read_block(folder: Path) -> dict[str, Any]:
         )
     result: dict[str, Any] = block
     return result
-
-
-def _flatten(config: Any, prefix: str = "") -> dict[str, Any]:
-    """{"a": {"b": 1}} -> {"a.b": 1}."""
-    if not isinstance(config, dict) or not config:
-        return {prefix: config}
-    leaves = {}
-    for key, value in config.items():
-        leaves.update(_flatten(value, f"{prefix}.{key}" if prefix else str(key)))
-    return leaves

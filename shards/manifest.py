@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,8 @@ from typing import Any
 from shards.atomic import atomic_write
 from shards.schema import check_relative_path, check_subject_id
 from shards.splits import SPLITS, Split
+
+_SHOWN_DIFFERENCES = 4
 
 
 class DatasetError(ValueError):
@@ -125,6 +127,34 @@ def write_json_lines(path: Path, records: Iterable[dict[str, Any]]) -> None:
 def write_manifest(path: Path, entries: dict[str, Entry]) -> None:
     """Replace the manifest, in the order of the subjects' ids."""
     write_json_lines(path, (asdict(entries[subject]) for subject in sorted(entries)))
+
+
+def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
+    """What two configurations differ in, for a person: the first few keys; "" of equal ones.
+
+    Args:
+        there: of a folder that stands, plain JSON values; may be nested.
+        here: of the one who asks.
+    """
+    old, new = _flatten(there), _flatten(here)
+    keys = sorted(k for k in old.keys() | new.keys() if old.get(k) != new.get(k))
+    shown = [
+        f"{key} is {json.dumps(old.get(key))} there and {json.dumps(new.get(key))} here"
+        for key in keys[:_SHOWN_DIFFERENCES]
+    ]
+    if len(keys) > _SHOWN_DIFFERENCES:
+        shown.append(f"and {len(keys) - _SHOWN_DIFFERENCES} more keys")
+    return ", ".join(shown)
+
+
+def _flatten(config: Any, prefix: str = "") -> dict[str, Any]:
+    """{"a": {"b": 1}} -> {"a.b": 1}."""
+    if not isinstance(config, dict) or not config:
+        return {prefix: config}
+    leaves = {}
+    for key, value in config.items():
+        leaves.update(_flatten(value, f"{prefix}.{key}" if prefix else str(key)))
+    return leaves
 
 
 def _json_line(record: dict[str, Any]) -> bytes:

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from augment.srgb import linear, srgb
+
 UNIT_TOLERANCE = 4e-3
 """On a normal's squared length; half precision rounds its three parts."""
 
@@ -201,7 +203,7 @@ class View:
         """(N,) float32 grey level of the sRGB bytes, 0 to 255."""
         found = self.at(self.albedo)
         if found.dtype != np.uint8:
-            found = _coded(found.astype(np.float32, copy=False))
+            found = 255 * srgb(found.astype(np.float32, copy=False))
         return np.rint(GREY @ found.astype(np.float32)) if found.ndim == 2 else np.rint(found)
 
     def filled(self, background: float) -> np.ndarray:
@@ -269,20 +271,8 @@ def _single(half: np.ndarray) -> np.ndarray:
     return single
 
 
-def _linear() -> np.ndarray:
-    coded = np.arange(256) / 255
-    curve = np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
-    return curve.astype(np.float32)
-
-
-def _coded(linear: np.ndarray) -> np.ndarray:
-    """Linear light as sRGB, 0 to 255."""
-    power = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
-    return 255 * np.where(linear <= 0.0031308, 12.92 * linear, power)
-
-
 _INFINITY = np.float32(np.inf).view(np.uint32)
 """The bits of infinity, above those of every positive number."""
 
-_LINEAR = _linear()
+_LINEAR = linear(np.arange(256) / 255).astype(np.float32)
 """(256,) linear light of sRGB bytes."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 
 import numpy as np
 
@@ -33,3 +34,13 @@ def test_what_is_held_together_counts_together_and_in_turn_once() -> None:
         np.ones(25_000_000).sum()
         subprocess.run([sys.executable, "-c", HOLD], check=True)
     assert in_turn.megabytes - nothing.megabytes < 400
+
+
+def test_a_child_that_has_not_begun_its_program_holds_nothing_of_its_own() -> None:
+    held = np.ones(25_000_000)
+    with PeakMemory() as nothing:
+        pass
+    with PeakMemory() as peak:
+        subprocess.run(["true"], check=True, preexec_fn=lambda: time.sleep(0.7))
+    assert held.nbytes == 200_000_000
+    assert peak.megabytes - nothing.megabytes < 100

@@ -14,6 +14,7 @@ from PIL import Image
 from augment.color_camera import ColorCamera
 from augment.light import LightConfig
 from augment.photograph import develop, photograph
+from augment.srgb import linear
 from report.powers import (
     ABOVE,
     COLUMNS,
@@ -28,7 +29,6 @@ from report.powers import (
     figure,
     handful,
     head_box,
-    linear,
     main,
     read,
     signal_to_noise,
@@ -100,13 +100,13 @@ def test_a_head_need_not_be_above_its_trunk_nor_all_in_the_image() -> None:
 
 def test_light_is_scaled_in_linear_light() -> None:
     every = np.arange(256, dtype=np.uint8).reshape(-1, 1).repeat(3, axis=1)
-    np.testing.assert_array_equal(develop(linear(every)), every)
+    np.testing.assert_array_equal(develop(linear(every / 255)), every)
     np.testing.assert_array_equal(brightened(every, 1.0), every)
     for factor in (2.0, 20.0):
-        light = factor * linear(every)
+        light = factor * linear(every / 255)
         # A byte's rounding is at most half of the steepest step.
         np.testing.assert_allclose(
-            linear(brightened(every, factor)), np.minimum(light, 1), atol=0.5 * 2.3 / 255
+            linear(brightened(every, factor) / 255), np.minimum(light, 1), atol=0.5 * 2.3 / 255
         )
         assert (brightened(every, factor)[light > 1] == 255).all()
 
@@ -123,8 +123,8 @@ def test_noise_is_that_of_the_camera(light: float) -> None:
 
 def test_no_noise_has_no_ratio() -> None:
     colors = np.full((5, 3), 90, dtype=np.uint8)
-    assert math.isnan(signal_to_noise(colors, linear(colors)))
-    assert math.isnan(signal_to_noise(colors[:0], linear(colors[:0])))
+    assert math.isnan(signal_to_noise(colors, linear(colors / 255)))
+    assert math.isnan(signal_to_noise(colors[:0], linear(colors[:0] / 255)))
     assert math.isnan(signal_to_noise(colors, np.zeros((5, 3))))
 
 
@@ -180,7 +180,7 @@ def test_a_pixel_is_a_square_of_the_page(count: int, side: int) -> None:
 
 def test_the_ratio_has_a_chart_of_its_own_only_if_it_is_known() -> None:
     unknown = photographs(POWERS, 17)
-    light = {p: linear(colors) * 0.9 for p, colors in unknown.colors.items()}
+    light = {p: linear(colors / 255) * 0.9 for p, colors in unknown.colors.items()}
     known = Photographs("one", unknown.seen, unknown.colors, light)
     without, pages = np.asarray(figure(unknown)), np.asarray(figure(known))
     assert without.shape == pages.shape
@@ -311,7 +311,7 @@ def test_noise_is_told_from_the_base(sweep: Made, radiance: bool, back: bool) ->
         brightest = 0.004 * power * EXPOSURE
         assert light[found.seen].max() == pytest.approx(brightest, rel=0.02)
         # 99 % lie within two and a half standard deviations, and half a byte.
-        off = linear(found.colors[power]) - light
+        off = linear(found.colors[power] / 255) - light
         bound = 2.5 * np.sqrt(light * 8000 + 9) / 8000 + 0.5 / 255 / 12.92
         assert (abs(off)[found.seen] < bound[found.seen]).mean() > 0.95
     ratios = [

@@ -1,0 +1,88 @@
+"""One stage of the work over all its subjects: worker processes, progress, and what went wrong."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Callable
+from typing import Any, Protocol, TypeVar
+
+from engine.progress import Progress
+from engine.workers import WorkerDiedError, cpu_count, run
+from render.camera import FrameError
+from render.capture import CaptureError
+from shards.archive import ShardError
+from subjects.mesh import MeshError
+
+
+class SubjectTask(Protocol):
+    """What a stage does for one subject."""
+
+    @property
+    def subject(self) -> str:
+        """Its id."""
+        ...
+
+
+TaskType = TypeVar("TaskType", bound=SubjectTask)
+
+
+def processors(jobs: int | None, tasks: int) -> tuple[int, int]:
+    """How many workers take `tasks` tasks, and how many threads each of them.
+
+    Args:
+        jobs: worker processes; None takes one for each processor.
+    """
+    workers = max(1, min(jobs or cpu_count(), tasks))
+    return workers, max(1, cpu_count() // workers)
+
+
+def run_stage(
+    name: str,
+    function: Callable[[TaskType], Any],
+    tasks: list[TaskType],
+    workers: int,
+    threads: int,
+    done: Callable[[TaskType, Any], None],
+    failed: Callable[[TaskType, str], None],
+    views: int = 0,
+) -> list[TaskType]:
+    """Run a stage over its tasks; returns those that worked, in order.
+
+    Every stage has worker processes of its own, so torch and Blender never share one.
+
+    Args:
+        name: the stage's, for the progress.
+        threads: of the processor, that numerical libraries may use in a worker.
+        done: called with a task and its result as soon as it is there.
+        failed: called with a task and one line of why there is none.
+        views: that a task of this stage makes, for the progress.
+    """
+    if not tasks:
+        return []
+    progress = Progress(name, len(tasks), views)
+    worked = set()
+    try:
+        for task, result in run(function, tasks, workers, threads):
+            why = None
+            if isinstance(result, BaseException):
+                why = _reason(result)
+                failed(task, why)
+            else:
+                done(task, result)
+                worked.add(task.subject)
+            progress.step(task.subject, why)
+    finally:
+        progress.close()
+    return [task for task in tasks if task.subject in worked]
+
+
+def _reason(error: BaseException) -> str:
+    """One line for the user; an error that is none of theirs brings its traceback along."""
+    text = " ".join(str(error).split())
+    if isinstance(
+        error, (MeshError, FrameError, CaptureError, ShardError, WorkerDiedError, OSError)
+    ):
+        return text
+    print("".join(traceback.format_exception(error)), file=sys.stderr)
+    return f"a fault of the program, please report it: {type(error).__name__}: {text}"
