@@ -83,13 +83,10 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
     def add(task: Task, shard: ShardResult) -> None:
         writer.add(task.subject, **asdict(shard))
 
-    def nothing(task: Task, result: None) -> None:
-        """A subject is a file; the next stage reads it."""
-
     # Sums of one thread are the same wherever they are made.
-    made = run_stage("subjects", make_subject, tasks, workers, 1, nothing, fail_in("subjects"))
+    made = run_stage("subjects", make_subject, tasks, workers, 1, fail_in("subjects"))
     rendered = run_stage(
-        "render", make_shard, made, workers, threads, add, fail_in("render"), views
+        "render", make_shard, made, workers, threads, fail_in("render"), add, views
     )
     writer.finish()
 

@@ -43,8 +43,8 @@ def run_stage(
     tasks: list[TaskType],
     workers: int,
     threads: int,
-    done: Callable[[TaskType, Any], None],
     failed: Callable[[TaskType, str], None],
+    done: Callable[[TaskType, Any], None] | None = None,
     views: int = 0,
 ) -> list[TaskType]:
     """Run a stage over its tasks; returns those that worked, in order.
@@ -54,8 +54,8 @@ def run_stage(
     Args:
         name: the stage's, for the progress.
         threads: of the processor, that numerical libraries may use in a worker.
-        done: called with a task and its result as soon as it is there.
-        failed: called with a task and one line of why there is none.
+        failed: called with a task and one line of why it has no result.
+        done: called with a task and its result as soon as it is there, if given.
         views: that a task of this stage makes, for the progress.
     """
     if not tasks:
@@ -69,7 +69,8 @@ def run_stage(
                 why = _reason(result)
                 failed(task, why)
             else:
-                done(task, result)
+                if done is not None:
+                    done(task, result)
                 worked.add(task.subject)
             progress.step(task.subject, why)
     finally:

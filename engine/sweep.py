@@ -153,17 +153,13 @@ class Sweep:
         self._open.close()
 
     @property
-    def lacking(self) -> dict[str, dict[float, Path]]:
-        """Subject -> the powers that lack it, and the files to make."""
-        files = {
-            subject: {
-                power: writer.shard_path(subject).resolve()
-                for power, writer in self.writers.items()
-                if subject not in writer.finished
-            }
+    def lacking(self) -> dict[str, list[float]]:
+        """Subject -> the powers that lack it."""
+        powers = {
+            subject: [power for power, w in self.writers.items() if subject not in w.finished]
             for subject in self.planned
         }
-        return {subject: powers for subject, powers in files.items() if powers}
+        return {subject: found for subject, found in powers.items() if found}
 
     def tasks(self, threads: int) -> list[SweepTask]:
         """What is missing, subject by subject."""
@@ -176,7 +172,7 @@ class Sweep:
                 self.base.manifest[subject].sha256,
                 self.config,
                 {power: self._record(power) for power in powers},
-                powers,
+                {power: self.writers[power].shard_path(subject).resolve() for power in powers},
                 versions,
                 threads,
             )
@@ -316,7 +312,7 @@ def sweep(work: Sweep, jobs: int | None) -> bool:
             work.writers[power].fail(task.subject, "sweep", why)
 
     tasks = work.tasks(threads)
-    failed = lacking - len(run_stage("sweep", light_subject, tasks, workers, threads, add, fail))
+    failed = lacking - len(run_stage("sweep", light_subject, tasks, workers, threads, fail, add))
     work.finish()
     elapsed = time.monotonic() - start
     print(

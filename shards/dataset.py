@@ -6,8 +6,9 @@ import hashlib
 import json
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, KeysView, Mapping
 from dataclasses import asdict, replace
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -125,9 +126,9 @@ class DatasetWriter:
         self._lock.close()
 
     @property
-    def finished(self) -> frozenset[str]:
-        """The subjects whose shards are whole and in the manifest."""
-        return frozenset(self._entries)
+    def finished(self) -> KeysView[str]:
+        """The subjects whose shards are whole and in the manifest, as it stands at any time."""
+        return self._entries.keys()
 
     def shard_path(self, subject: str) -> Path:
         """Where the subject's shard belongs; its folder exists."""
@@ -337,6 +338,15 @@ class Dataset:
     def __len__(self) -> int:
         """How many subjects it holds."""
         return len(self.manifest)
+
+    @cached_property
+    def base(self) -> Dataset:
+        """The dataset that holds what the shards of this one do not.
+
+        Raises:
+            DatasetError: there is none, or it cannot be read.
+        """
+        return Dataset(self.folder / BASE)
 
     @property
     def config(self) -> dict[str, Any]:

@@ -271,17 +271,14 @@ class _SubjectCheck:
                 f"{shard.base.path} has another sha256 than {shard.path} was made for; "
                 "run the sweep again"
             )
-        listed = self._lender().manifest.get(self.entry.subject)
+        listed = self.dataset.base.manifest.get(self.entry.subject)
         if listed is None or listed.sha256 != named["sha256"]:
-            self.breach(f"{self._lender().folder} lists no such shard; run the sweep again")
+            self.breach(f"{self.dataset.base.folder} lists no such shard; run the sweep again")
         elif listed.split != self.entry.split:
             self.breach(f"it is in the {listed.split} split of its base; run the sweep again")
         light = config.get("light", {})
         if shard.meta.get("sweep") != config or shard.meta["light"]["power"] != light.get("power"):
             self.breach(f"{shard.path} is of another light than its dataset; run the sweep again")
-
-    def _lender(self) -> Dataset:
-        return Dataset(self.dataset.folder / BASE)
 
     def _surface(self, shard: Shard, key: str) -> Surface | None:
         """The mesh that meta names under `key`, or None and a breach."""
