@@ -1,13 +1,14 @@
 # make demo: four open humans, rendered, verified, pictured in out/demo.
 # make test: the whole test suite. Both create .venv and install what they need.
 # make humans: fifty of them, with the figures and pictures that the README shows.
+# make learned: fifty of them, and both branches of the trainer, with the figures of their docs.
 PYTHON ?= python3.11
 BIN := .venv/bin
 READY := .venv/ready
 # smplx is licensed for research alone; the tests need it, the open humans do not.
 TESTABLE := .venv/testable
 
-.PHONY: demo picture humans test lint smoke clean
+.PHONY: demo picture humans learned test lint smoke clean
 
 demo: $(READY)
 	$(BIN)/python pipeline.py build --config configs/open.yaml --subjects.count 4 --output out/demo
@@ -41,6 +42,17 @@ humans: $(READY)
 		--subjects $(shell seq -f open_%04g 0 23)
 	$(BIN)/python -m report.humans $(HUMANS) --output $(HUMANS)/humans.json
 
+# The trainer's figures in docs/training.md: a dataset to learn from, both branches, the test.
+learned: $(TESTABLE)
+	$(BIN)/python pipeline.py build --config configs/open.yaml --subjects.count 50 \
+		--output out/people
+	$(BIN)/python pipeline.py train --config configs/train_front_cpu.yaml \
+		--data out/people --output out/front
+	$(BIN)/python pipeline.py train --config configs/train_back_cpu.yaml \
+		--data out/people --output out/back
+	$(BIN)/python -m benchmarks.branches out/people \
+		--front out/front/checkpoint.pt --back out/back/checkpoint.pt
+
 # From nothing: what stands from an earlier checkout proves nothing about this one.
 smoke: $(READY)
 	rm -rf out/smoke
@@ -55,7 +67,7 @@ $(READY): pyproject.toml constraints.txt
 
 $(TESTABLE): $(READY)
 	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --disable-pip-version-check \
-		-e '.[smplx]'
+		-e '.[smplx,trainer]'
 	touch $@
 
 clean:

@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
         package = (error.name or str(error)).partition(".")[0]
         sys.stderr.write(
             f"error: the Python package {package} is missing; in the checkout, "
-            "pip install '.[render,humans]' brings it, or `make demo` and then "
+            "pip install '.[render,humans,trainer]' brings it, or `make demo` and then "
             "`. .venv/bin/activate`\n"
         )
         return WRONG
@@ -386,23 +386,33 @@ def _add_train(parser: ArgumentParser) -> None:
 
 def _train(parser: ArgumentParser, parsed: Any) -> int:
     """Train one branch on a dataset's shards, or go on where it stopped."""
-    from trainer.training import CHECKPOINT, TrainConfig, Training
+    from shards.archive import ShardError
+    from trainer import allocator, processes
+    from trainer.errors import told
+    from trainer.training import CHECKPOINT, DivergedError, TrainConfig, Training
 
     given = parsed.train.as_dict()
     names = [field.name for field in fields(TrainConfig)]
-    with _users_errors():
-        made = parser.instantiate(parsed).train
-        config = TrainConfig(**{name: made[name] for name in names})
-        record = {name: given[name] for name in names}
-        folders = Path(given["data"]), Path(given["output"])
-        training = Training(config, record, *folders, given["workers"], given["device"])
-    _on_interrupt(signal.default_int_handler)
-    figures = training.run()
-    print(
-        f"{training.done} epochs in {folders[1] / CHECKPOINT}\n"
-        f"test depth {figures['depth_mm']:.2f} mm off, {figures['given_mm']:.2f} before "
-        f"({figures['depth_ratio']:.0%}); normals {figures['normal_ratio']:.0%}"
-    )
+    training: Training | None = None
+    try:
+        with _users_errors():
+            made = parser.instantiate(parsed).train
+            config = TrainConfig(**{name: made[name] for name in names})
+            folders = Path(given["data"]), Path(given["output"])
+            training = Training(config, *folders, given["workers"], given["device"])
+        _on_interrupt(signal.default_int_handler)
+        if training.device.type == "cpu":
+            allocator.keep()
+        figures = training.run()
+        if training.is_first:
+            print(f"{training.done} epochs in {folders[1] / CHECKPOINT}\ntest {told(figures)}")
+    except (DivergedError, ShardError, OSError) as error:
+        # A loader's worker hands on its whole traceback as the message.
+        said = str(error).splitlines()[-1].removeprefix(f"{ShardError.__module__}.ShardError: ")
+        raise WrongCallError(said) from error
+    finally:
+        training = None  # what it shares with other processes goes before they part
+        processes.leave()
     return DONE
 
 

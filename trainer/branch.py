@@ -1,23 +1,22 @@
-"""The two branches: what each network is given, what it learns, and how it is measured."""
+"""The two branches: what a user chooses of each, what its network sees, and what it descends."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from types import NoneType, UnionType
+from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 import torch
 from torch import Tensor, nn
-from torch.optim import Adam, Optimizer
 
 from trainer import losses
-from trainer.back import BackNet, BackNetConfig
-from trainer.discriminator import Discriminator, DiscriminatorConfig
-from trainer.front import FrontNet, FrontNetConfig
 from trainer.losses import BackWeights, Features, FrontWeights, Surface, Terms
-from trainer.normals import Side, normals
+from trainer.networks.back import BackNet, BackNetConfig
+from trainer.networks.discriminator import Discriminator, DiscriminatorConfig
+from trainer.networks.front import FrontNet, FrontNetConfig
+from trainer.normals import Side
 from trainer.views import DepthRange, Sample
 
 FAR = 1.0
@@ -31,9 +30,52 @@ class Branch(ABC):
     name: ClassVar[str]
     side: ClassVar[Side]
 
+    @property
+    def needs_body(self) -> bool:
+        """Whether the network is given the body's maps."""
+        return False
+
     @abstractmethod
-    def learner(self, span: DepthRange, rate: float, vgg: Features | None) -> Learner:
-        """Fresh networks from torch's generator, and their optimisers."""
+    def network(self) -> nn.Module:
+        """The generator, its weights drawn from torch's generator."""
+
+    @abstractmethod
+    def judge(self) -> Discriminator | None:
+        """The discriminator, likewise, if one judges this branch."""
+
+    @abstractmethod
+    def given(self, batch: Sample) -> Tensor:
+        """(B, 1, H, W) metres: the depth that the branch has to better."""
+
+    @abstractmethod
+    def predict(
+        self, network: nn.Module, batch: Sample, span: DepthRange
+    ) -> tuple[Tensor, Tensor | None]:
+        """Normalised depth, and the silhouette's logit of a network that has one: (B, 1, H, W)."""
+
+    @abstractmethod
+    def loss(
+        self,
+        predicted: Surface,
+        true: Surface,
+        logit: Tensor | None,
+        layers: tuple[Sequence[Tensor], Sequence[Tensor]],
+        mask: Tensor,
+        vgg: Features | None,
+    ) -> tuple[Tensor, Terms]:
+        """What the generator descends, and its terms.
+
+        Args:
+            layers: the discriminator's for the predicted maps and for the true; empty without one.
+        """
+
+    def true(self, batch: Sample) -> Tensor:
+        """(B, 1, H, W) metres."""
+        return batch.front if self.side == "front" else batch.back
+
+    def judged(self, surface: Surface, mask: Tensor, span: DepthRange) -> Tensor:
+        """(B, C, H, W) maps that the discriminator sees; 0 outside the silhouette."""
+        return surface.normal
 
 
 @dataclass(frozen=True)
@@ -47,9 +89,34 @@ class Front(Branch):
     """The network."""
     gamma: FrontWeights = field(default_factory=FrontWeights)
     """Coefficients of Eq. 10."""
+    normal_gan: DiscriminatorConfig | None = None
+    """A discriminator of the normals, as NormalGAN has (Table 3's "U-Net+nGAN"); null for none."""
 
-    def learner(self, span: DepthRange, rate: float, vgg: Features | None) -> FrontLearner:
-        return FrontLearner(self, span, rate, vgg)
+    def network(self) -> FrontNet:
+        return FrontNet(self.net)
+
+    def judge(self) -> Discriminator | None:
+        return None if self.normal_gan is None else Discriminator(self.normal_gan, 3)
+
+    def given(self, batch: Sample) -> Tensor:
+        return batch.sensor
+
+    def predict(
+        self, network: nn.Module, batch: Sample, span: DepthRange
+    ) -> tuple[Tensor, Tensor | None]:
+        depth = _normalised(batch.sensor, batch.mask, span)
+        return network(2 * batch.rgb - 1, depth, batch.mask), None
+
+    def loss(
+        self,
+        predicted: Surface,
+        true: Surface,
+        logit: Tensor | None,
+        layers: tuple[Sequence[Tensor], Sequence[Tensor]],
+        mask: Tensor,
+        vgg: Features | None,
+    ) -> tuple[Tensor, Terms]:
+        return losses.front_loss(predicted, true, mask, self.gamma, vgg, *layers)
 
 
 @dataclass(frozen=True)
@@ -62,181 +129,103 @@ class Back(Branch):
     generator: BackNetConfig = field(default_factory=BackNetConfig)
     """The generator."""
     discriminator: DiscriminatorConfig = field(default_factory=DiscriminatorConfig)
-    """The Markovian discriminator, on normal maps."""
+    """The Markovian discriminator."""
     beta: BackWeights = field(default_factory=BackWeights)
     """Coefficients of Eq. 14."""
-
-    def learner(self, span: DepthRange, rate: float, vgg: Features | None) -> BackLearner:
-        return BackLearner(self, span, rate, vgg)
-
-
-class Learner(ABC):
-    """Networks that learn from batches.
-
-    Attributes:
-        networks: name -> module; the first predicts depth.
-        optimizers: name -> its optimiser.
+    source: Literal["body", "sensor"] = "body"
+    """What the back is made from: the body's coarse back, or colour and depth of the front as
+    NormalGAN does (Table 4's "nGAN").
     """
+    judged_by: Literal["normals", "depth"] = "normals"
+    """What the discriminator sees; "depth" is Table 4's "dGAN"."""
 
-    networks: dict[str, nn.Module]
+    @property
+    def needs_body(self) -> bool:
+        return self.source == "body"
 
-    def __init__(self, side: Side, span: DepthRange, rate: float, vgg: Features | None) -> None:
-        self.side, self.span, self.vgg = side, span, vgg
-        self.optimizers: dict[str, Optimizer] = {
-            name: Adam(network.parameters(), lr=rate) for name, network in self.networks.items()
-        }
+    def network(self) -> BackNet:
+        if self.source == "body":
+            return BackNet(self.generator, inputs=2)
+        return BackNet(self.generator, inputs=4, correction=0.5)
 
-    @abstractmethod
-    def step(self, batch: Sample) -> Terms:
-        """Learn from a batch; the unweighted terms of the losses."""
-
-    @abstractmethod
-    def predict(self, batch: Sample) -> Tensor:
-        """(B, 1, H, W) depth in metres, 0 outside the silhouette."""
-
-    @abstractmethod
-    def given(self, batch: Sample) -> Tensor:
-        """(B, 1, H, W) metres: the depth that the network improves."""
-
-    def true(self, batch: Sample) -> Tensor:
-        """(B, 1, H, W) metres."""
-        return batch.front if self.side == "front" else batch.back
-
-    def surface(self, depth: Tensor, batch: Sample) -> Surface:
-        """Depth with its normals by Eq. 6, true ones too: perfect depth has no loss."""
-        return Surface(depth, normals(depth, batch.pixel_size, batch.mask, self.side))
-
-    def state(self) -> dict[str, dict]:
-        """Everything that learning changes, by name."""
-        networks = {name: network.state_dict() for name, network in self.networks.items()}
-        optimizers = {f"{n}_adam": found.state_dict() for n, found in self.optimizers.items()}
-        return {**networks, **optimizers}
-
-    def load_state(self, state: dict[str, dict]) -> None:
-        """Go on from a state.
-
-        Raises:
-            RuntimeError, KeyError: it is of other networks.
-        """
-        for name, network in self.networks.items():
-            network.load_state_dict(state[name])
-            self.optimizers[name].load_state_dict(state[f"{name}_adam"])
-
-    def train(self, mode: bool) -> None:
-        """Whether the networks are to learn."""
-        for network in self.networks.values():
-            network.train(mode)
-
-    def normalised(self, depth: Tensor, batch: Sample) -> Tensor:
-        """What a network is given of a depth in metres."""
-        return torch.where(batch.mask, self.span.normalised(depth), FAR)
-
-    def metres(self, normalised: Tensor, batch: Sample) -> Tensor:
-        """What a network's depth means."""
-        return torch.where(batch.mask, self.span.metres(normalised), 0)
-
-    def _descend(self, name: str, loss: Tensor) -> None:
-        self.optimizers[name].zero_grad(set_to_none=True)
-        loss.backward()
-        self.optimizers[name].step()
-
-
-class FrontLearner(Learner):
-    """Learns Eq. 10."""
-
-    def __init__(self, branch: Front, span: DepthRange, rate: float, vgg: Features | None) -> None:
-        self.net = FrontNet(branch.net)
-        self.networks = {"front": self.net}
-        self.gamma = branch.gamma
-        super().__init__(branch.side, span, rate, vgg)
-
-    def given(self, batch: Sample) -> Tensor:
-        return batch.sensor
-
-    def predict(self, batch: Sample) -> Tensor:
-        depth = self.net(2 * batch.rgb - 1, self.normalised(batch.sensor, batch))
-        return self.metres(depth, batch)
-
-    def step(self, batch: Sample) -> Terms:
-        predicted = self.surface(self.predict(batch), batch)
-        true = self.surface(self.true(batch), batch)
-        loss, terms = losses.front_loss(predicted, true, batch.mask, self.gamma, self.vgg)
-        self._descend("front", loss)
-        return terms
-
-
-class BackLearner(Learner):
-    """Learns Eq. 14 and 15, a step of the discriminator before each of the generator's."""
-
-    def __init__(self, branch: Back, span: DepthRange, rate: float, vgg: Features | None) -> None:
-        self.net = BackNet(branch.generator)
-        self.judge = Discriminator(branch.discriminator)
-        self.networks = {"back": self.net, "discriminator": self.judge}
-        self.beta = branch.beta
-        super().__init__(branch.side, span, rate, vgg)
+    def judge(self) -> Discriminator:
+        return Discriminator(self.discriminator, 3 if self.judged_by == "normals" else 1)
 
     def given(self, batch: Sample) -> Tensor:
         return batch.coarse
 
-    def predict(self, batch: Sample) -> Tensor:
-        return self._generate(batch)[0]
+    def predict(
+        self, network: nn.Module, batch: Sample, span: DepthRange
+    ) -> tuple[Tensor, Tensor | None]:
+        if self.source == "body":
+            seen = _normalised(batch.coarse, batch.mask, span), 2.0 * batch.body - 1
+        else:
+            seen = _normalised(batch.sensor, batch.mask, span), 2 * batch.rgb - 1
+        depth, logit = network(torch.cat(seen, dim=1))
+        return depth, logit
 
-    def _generate(self, batch: Sample) -> tuple[Tensor, Tensor]:
-        """Depth in metres, and the soft silhouette."""
-        depth, logit = self.net(self.normalised(batch.coarse, batch))
-        return self.metres(depth, batch), logit.sigmoid()
+    def loss(
+        self,
+        predicted: Surface,
+        true: Surface,
+        logit: Tensor | None,
+        layers: tuple[Sequence[Tensor], Sequence[Tensor]],
+        mask: Tensor,
+        vgg: Features | None,
+    ) -> tuple[Tensor, Terms]:
+        assert logit is not None
+        silhouette = logit.sigmoid()
+        return losses.generator_loss(predicted, true, silhouette, *layers, mask, self.beta, vgg)
 
-    def step(self, batch: Sample) -> Terms:
-        depth, silhouette = self._generate(batch)
-        predicted, true = self.surface(depth, batch), self.surface(self.true(batch), batch)
-        real, fake = self.judge(true.normal), self.judge(predicted.normal.detach())
-        loss, judged = losses.discriminator_loss(real[-1], fake[-1], batch.mask)
-        self._descend("discriminator", loss)
-        with _frozen(self.judge):
-            real, fake = self.judge(true.normal), self.judge(predicted.normal)
-            loss, terms = losses.generator_loss(
-                predicted, true, silhouette, fake, real, batch.mask, self.beta, self.vgg
-            )
-            self._descend("back", loss)
-        return {**terms, "discriminator": judged["gan"]}
-
-
-@contextmanager
-def _frozen(network: nn.Module) -> Iterator[None]:
-    """Leave a network's parameters out of the gradients inside a `with` block."""
-    network.requires_grad_(False)
-    try:
-        yield
-    finally:
-        network.requires_grad_(True)
+    def judged(self, surface: Surface, mask: Tensor, span: DepthRange) -> Tensor:
+        if self.judged_by == "normals":
+            return surface.normal
+        return torch.where(mask, span.normalised(surface.depth), 0)
 
 
-def errors(learner: Learner, batches: Iterable[Sample]) -> dict[str, float]:
-    """Mean absolute errors over the silhouettes' pixels: of what was given and what is predicted.
+def to_record(branch: Branch) -> dict[str, Any]:
+    """Plain values that say what was chosen."""
+    return {"name": branch.name, **asdict(branch)}
 
-    Returns:
-        "given_mm" and "depth_mm" of depth, "given_normal" and "normal" of the normals' parts, and
-        the ratios "depth_ratio" and "normal_ratio".
+
+def from_record(record: Mapping[str, Any]) -> Branch:
+    """The branch that `to_record` described; nothing is imported, read or run by name.
+
+    Raises:
+        ValueError: it describes none.
     """
-    sums = dict.fromkeys(("given_mm", "depth_mm", "given_normal", "normal"), 0.0)
-    pixels = 0
-    learner.train(False)
-    with torch.no_grad():
-        for batch in batches:
-            count = int(batch.mask.sum())
-            pixels += count
-            true = learner.surface(learner.true(batch), batch)
-            for depth, of_depth, of_normal in (
-                (learner.given(batch), "given_mm", "given_normal"),
-                (learner.predict(batch), "depth_mm", "normal"),
-            ):
-                found = learner.surface(depth, batch)
-                off = losses.mean_l1(depth, true.depth, batch.mask)
-                sums[of_depth] += 1000 * count * float(off)
-                off = losses.mean_l1(found.normal, true.normal, batch.mask)
-                sums[of_normal] += count * float(off)
-    learner.train(True)
-    means = {name: total / max(pixels, 1) for name, total in sums.items()}
-    means["depth_ratio"] = means["depth_mm"] / max(means["given_mm"], 1e-9)
-    means["normal_ratio"] = means["normal"] / max(means["given_normal"], 1e-9)
-    return means
+    if not isinstance(record, Mapping):
+        raise ValueError(f"branch: {record!r}; give keys and values")
+    chosen = {**record}
+    branches = {branch.name: branch for branch in (Front, Back)}
+    name = chosen.pop("name", None)
+    if not isinstance(name, str) or name not in branches:
+        raise ValueError(f"branch {name!r} is none of {', '.join(branches)}")
+    return _made(branches[name], chosen, name)
+
+
+def _made(kind: Any, value: Any, key: str) -> Any:
+    """What plain values describe: a dataclass, null, a choice, or a value of just this type."""
+    if get_origin(kind) is UnionType:
+        kinds = get_args(kind)
+        kind = next(k for k in kinds if (k is NoneType) == (value is None))
+    if isinstance(kind, type) and is_dataclass(kind):
+        hints = get_type_hints(kind)
+        known = {field.name: hints[field.name] for field in fields(kind)}
+        if not isinstance(value, Mapping):
+            raise ValueError(f"{key}: {value!r}; give {', '.join(known)}")
+        if unknown := [str(name) for name in value if name not in known]:
+            raise ValueError(f"{key}: no {', '.join(unknown)} there; give {', '.join(known)}")
+        return kind(**{n: _made(known[n], value[n], f"{key}.{n}") for n in value})
+    if get_origin(kind) is Literal:
+        fits = isinstance(value, str) and value in get_args(kind)
+    else:
+        fits = type(value) in ((int, float) if kind is float else (kind,))
+    if not fits:
+        raise ValueError(f"{key}: {value!r} does not fit")
+    return value
+
+
+def _normalised(depth: Tensor, mask: Tensor, span: DepthRange) -> Tensor:
+    """What a network is given of a depth in metres."""
+    return torch.where(mask, span.normalised(depth), FAR)

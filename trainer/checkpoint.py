@@ -9,12 +9,12 @@ import torch
 
 from shards.atomic import atomic_write
 
-SCHEMA = 1
+SCHEMA = 2
 
-KEYS = {"schema", "branch", "config", "range", "epoch", "state", "metrics", "data"}
-"""Of a checkpoint: the branch's name; the configuration as JSON values; near and far of the depth
-range in metres; how many epochs are done; state dicts by name; figures of the test split; the
-dataset's configuration hash and subjects."""
+KEYS = {"schema", "config", "range", "state", "metrics", "data"}
+"""Of a checkpoint: the configuration as JSON values, the file of VGG's weights by its SHA-256; near
+and far of the depth range in metres; state dicts by name; figures of every epoch; the dataset's
+configuration hash, subjects, and a hash of their shards."""
 
 
 class CheckpointError(ValueError):

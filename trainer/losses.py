@@ -18,13 +18,21 @@ import torch
 from torch import Tensor
 from torch.nn.functional import adaptive_max_pool2d, logsigmoid
 
+from trainer import processes
+
 Features = Callable[[Tensor], Sequence[Tensor]]
-"""From (B, 3, H, W) normals to the maps of VGG19's five layers, such as `trainer.vgg.VGG19`."""
+"""From (B, 3, H, W) normals to the maps of VGG19's five layers, see `trainer.networks.vgg`."""
 Terms = dict[str, Tensor]
 """A total's terms by name, before their coefficients and cut from the graph: for logging."""
 
 VGG_WEIGHTS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0)
 """lambda_v of Eq. 9, from the first layer to the fifth."""
+
+MILLIMETRES = 1000.0
+"""In a metre."""
+
+_LEAST = 1e-6
+"""Pixels, in place of none."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +40,15 @@ class FrontWeights:
     """Coefficients gamma of Eq. 10; section 4.1."""
 
     depth: float = 1.0
-    """Of L_D, metres."""
+    """Of L_D, millimetres."""
     normal: float = 20.0
     """Of L_N."""
     vgg: float = 20.0
     """Of L_V."""
+    gan: float = 5.0
+    """Of the generator's side of L_G, where a discriminator judges the front (Table 3's "nGAN")."""
+    matching: float = 20.0
+    """Of L_M, likewise."""
 
     def __post_init__(self) -> None:
         _check(self)
@@ -47,7 +59,7 @@ class BackWeights:
     """Coefficients beta of Eq. 14; section 4.1."""
 
     depth: float = 10.0
-    """Of L_D, metres."""
+    """Of L_D, millimetres."""
     gan: float = 5.0
     """Of the generator's side of L_G."""
     matching: float = 20.0
@@ -82,8 +94,17 @@ def mean_l1(a: Tensor, b: Tensor, mask: Tensor) -> Tensor:
 
 
 def depth_loss(depth: Tensor, true: Tensor, mask: Tensor) -> Tensor:
-    """L_D, Eq. 7: metres."""
-    return mean_l1(depth, true, mask)
+    """L_D, Eq. 7: millimetres.
+
+    The paper names no unit of L_D. Depth cameras have millimetres, and so has NormalGAN: with the
+    paper's coefficients a sensor's noise then weighs as much as that noise's normals (Eq. 10), and
+    a bare body's back twice as much as all other terms (Eq. 14). Metres would leave L_D no say.
+
+    Args:
+        depth, true: (B, 1, H, W) metres.
+        mask: (B, 1, H, W) bool, the subject's silhouette.
+    """
+    return MILLIMETRES * mean_l1(depth, true, mask)
 
 
 def normal_loss(normal: Tensor, true: Tensor, mask: Tensor) -> Tensor:
@@ -100,23 +121,31 @@ def vgg_loss(normal: Tensor, true: Tensor, mask: Tensor, vgg: Features) -> Tenso
 
 
 def front_loss(
-    predicted: Surface, true: Surface, mask: Tensor, weights: FrontWeights, vgg: Features | None
+    predicted: Surface,
+    true: Surface,
+    mask: Tensor,
+    weights: FrontWeights,
+    vgg: Features | None,
+    fake: Sequence[Tensor] = (),
+    real: Sequence[Tensor] = (),
 ) -> tuple[Tensor, Terms]:
-    """L_front, Eq. 10.
+    """L_front, Eq. 10; with a discriminator's layers also Eq. 11 and 12 (Table 3's "U-Net+nGAN").
 
     Args:
         mask: (B, 1, H, W) bool, the subject's silhouette.
         vgg: None leaves L_V out, of the sum and of the terms.
+        fake, real: the discriminator's layers for the predicted maps and the true ones, as
+            `matching_loss` takes them; none leave its terms out.
 
     Returns:
-        The weighted sum, and its terms "depth", "normal" and "vgg".
+        The weighted sum, and its terms "depth", "normal", "vgg", "gan" and "matching".
     """
     terms = {
         "depth": depth_loss(predicted.depth, true.depth, mask),
         "normal": normal_loss(predicted.normal, true.normal, mask),
+        **_adversarial(fake, real, mask),
+        **_perceptual(predicted, true, mask, vgg),
     }
-    if vgg is not None:
-        terms["vgg"] = vgg_loss(predicted.normal, true.normal, mask, vgg)
     return _total(terms, weights)
 
 
@@ -178,8 +207,8 @@ def silhouette_loss(predicted: Tensor, mask: Tensor) -> Tensor:
         mask: H_L, (B, 1, H, W) bool. Where it is empty the loss is 0.
     """
     error = (predicted - mask.to(predicted.dtype)).abs().sum()
-    pixels = mask.sum()
-    return torch.where(pixels > 0, error, 0) / pixels.clamp_min(1)
+    pixels = processes.mean(mask.sum().to(error.dtype))
+    return torch.where(pixels > 0, error / pixels.clamp_min(_LEAST), 0)
 
 
 def generator_loss(
@@ -206,12 +235,10 @@ def generator_loss(
     """
     terms = {
         "depth": depth_loss(predicted.depth, true.depth, mask),
-        "gan": generator_gan_loss(fake[-1], mask),
-        "matching": matching_loss(fake, real, mask),
         "silhouette": silhouette_loss(silhouette, mask),
+        **_adversarial(fake, real, mask),
+        **_perceptual(predicted, true, mask, vgg),
     }
-    if vgg is not None:
-        terms["vgg"] = vgg_loss(predicted.normal, true.normal, mask, vgg)
     return _total(terms, weights)
 
 
@@ -237,10 +264,27 @@ def at_scale(mask: Tensor, like: Tensor) -> Tensor:
     return adaptive_max_pool2d(mask.float(), like.shape[-2:]) > 0
 
 
+def _adversarial(fake: Sequence[Tensor], real: Sequence[Tensor], mask: Tensor) -> Terms:
+    if not fake:
+        return {}
+    return {
+        "gan": generator_gan_loss(fake[-1], mask),
+        "matching": matching_loss(fake, real, mask),
+    }
+
+
+def _perceptual(predicted: Surface, true: Surface, mask: Tensor, vgg: Features | None) -> Terms:
+    return {} if vgg is None else {"vgg": vgg_loss(predicted.normal, true.normal, mask, vgg)}
+
+
 def _mean(values: Tensor, mask: Tensor) -> Tensor:
-    """Of (B, C, H, W) over the pixels of a (B, 1, H, W) mask; 0 where there are none."""
-    count = mask.sum() * values.shape[1]
-    return torch.where(mask, values, 0).sum() / count.clamp_min(1)
+    """Of (B, C, H, W) over the pixels of a (B, 1, H, W) mask; 0 where there are none.
+
+    Where several processes share a batch it is divided by their mean number of pixels: the mean of
+    their losses, and so of their gradients, is then that of the whole batch.
+    """
+    count = processes.mean(mask.sum().to(values.dtype)) * values.shape[1]
+    return torch.where(mask, values, 0).sum() / count.clamp_min(_LEAST)
 
 
 def _total(terms: Terms, weights: FrontWeights | BackWeights) -> tuple[Tensor, Terms]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -30,7 +29,9 @@ class ViewsConfig:
     """Which views are read, and how they are varied."""
 
     size: tuple[int, int] = (416, 256)
-    """Rows and columns of a crop, pixels; it is centred on the silhouette's rectangle."""
+    """Rows and columns of a crop, pixels; it is centred on the silhouette's rectangle, or lies
+    anywhere in it, by chance, where that is larger.
+    """
     noise: Noise = "redrawn"
     """`stored` takes the sensor's reading from the shard, `redrawn` another one each epoch."""
     flip: bool = True
@@ -66,12 +67,12 @@ class Sample(NamedTuple):
     Attributes:
         rgb: (3, h, w) float32, sRGB in [0, 1].
         sensor: (1, h, w) float32 metres, the sensor's reading; where it has none inside the
-            silhouette, the nearest reading of the row.
+            silhouette, the nearest of the row or of the nearest row.
         valid: (1, h, w) bool, where the sensor has a reading of its own.
         front, back: (1, h, w) float32 metres, true depth from the front camera's plane.
-        coarse: (1, h, w) float32 metres, the bare body's back; where the body is not, the nearest
-            of the row, and the silhouette's middle depth where a row has none.
-        body: (1, h, w) bool, the body's own silhouette.
+        coarse: (1, h, w) float32 metres, the bare body's back (Eq. 4); where the body is not, the
+            nearest of the row or, where that has none, of the nearest row.
+        body: (1, h, w) bool, where the coarse depth is the body's own.
         mask: (1, h, w) bool, the subject's silhouette.
         pixel_size: () float32 metres.
         index: () int64, of the view in the dataset.
@@ -92,9 +93,8 @@ class Sample(NamedTuple):
 class Views(TorchDataset):
     """The views of one split of a dataset, in the order of subjects and views.
 
-    It reads only a crop's rows and columns from mapped files, keeps no file open across processes,
-    and every draw comes from (seed, subject, view, epoch): the samples are the same for any number
-    of loader workers and for any sampler.
+    It reads single views of mapped files and keeps none open. Every draw comes from (seed, subject,
+    view, epoch): the samples are the same for any number of loader workers and for any sampler.
 
     Args:
         folder: the dataset's, or one power's of a light sweep.
@@ -114,7 +114,8 @@ class Views(TorchDataset):
         self.config = config
         self.varied = varied
         self.seed = seed
-        self.epoch = 0
+        # Shared, so that workers which outlive an epoch know of the next.
+        self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
         self.subjects = self.dataset.subjects(split)
         if not self.subjects:
             raise ValueError(
@@ -127,9 +128,29 @@ class Views(TorchDataset):
         """How many views there are."""
         return int(self._first[-1])
 
+    def resize(self, size: tuple[int, int]) -> None:
+        """Crop to another size from now on."""
+        self.config = replace(self.config, size=size)
+
+    @property
+    def epoch(self) -> int:
+        """Of the variation."""
+        return int(self._epoch)
+
     def set_epoch(self, epoch: int) -> None:
-        """Vary the views in another way from now on; loaders with workers start these anew."""
-        self.epoch = epoch
+        """Vary the views in another way from the next loader's pass on, in its workers too."""
+        self._epoch.fill_(epoch)
+
+    def extent(self) -> tuple[int, int]:
+        """Rows and columns of the largest silhouettes' rectangles."""
+        largest = np.zeros(2, dtype=int)
+        for shard in self._shards:
+            for mask in shard["mask"]:
+                sides = [np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0)]
+                if all(map(len, sides)):
+                    largest = np.maximum(largest, [used[-1] - used[0] + 1 for used in sides])
+            shard.close()
+        return int(largest[0]), int(largest[1])
 
     def place(self, index: int) -> tuple[str, int]:
         """The subject's id and the number of the view among its views.
@@ -150,6 +171,15 @@ class Views(TorchDataset):
             shard.close()
         return DepthRange(round(near - RANGE_MARGIN, 3), round(far + RANGE_MARGIN, 3))
 
+    def without_body(self) -> list[str]:
+        """The subjects that came without a body: all is 0 in their first view."""
+        found = []
+        for subject, shard in zip(self.subjects, self._shards, strict=True):
+            if not shard["body_depth_back"][0].any():
+                found.append(subject)
+            shard.close()
+        return found
+
     def __getitem__(self, index: int) -> Sample:
         """One view.
 
@@ -159,28 +189,36 @@ class Views(TorchDataset):
         number, view = self._place(index)
         subject, shard = self.subjects[number], self._shards[number]
         rng = seeds.generator(self.seed, subject, "augment", view, self.epoch)
+        mirrored = self.varied and self.config.flip and rng.random() < 0.5
         mask = shard["mask"][view]
-        crop = _Crop(mask, self.config.size)
-        inside = crop.cut(mask)
-        read = crop.cut(self._reading(shard, view))
-        body = crop.cut(shard["body_depth_back"][view])
-        front, back = (crop.cut(shard[f"depth_{side}"][view]) for side in ("front", "back"))
-        middle = float(back[inside].mean()) if inside.any() else 0.0
+        crop = _Crop(mask, self.config.size, mirrored, rng if self.varied else None)
+
+        def person(image: np.ndarray) -> np.ndarray:
+            return image[crop.rectangle]
+
+        inside = person(mask)
+        read, body = (
+            np.where(inside, person(found), np.float32(0))
+            for found in (self._reading(shard, view), shard["body_depth_back"][view])
+        )
         maps = {
-            "rgb": crop.cut(shard["rgb_front"][view]).transpose(2, 0, 1) / np.float32(255),
-            "sensor": _filled(read, inside, middle)[None],
-            "valid": (read > 0)[None],
-            "front": front[None],
-            "back": back[None],
-            "coarse": _filled(body, inside, middle)[None],
-            "body": (body > 0)[None],
-            "mask": inside[None],
+            "rgb": person(shard["rgb_front"][view]),
+            # What is missing is taken from the whole person, however small the crop.
+            "sensor": _filled(read, inside),
+            "valid": read > 0,
+            "front": person(shard["depth_front"][view]),
+            "back": person(shard["depth_back"][view]),
+            "coarse": _filled(body, inside),
+            "body": body > 0,
+            "mask": inside,
         }
-        if self.varied and self.config.flip and rng.random() < 0.5:
-            maps = {name: image[..., ::-1] for name, image in maps.items()}
+        cut = {name: crop.cut(image) for name, image in maps.items()}
+        color = np.divide(cut.pop("rgb").transpose(2, 0, 1), np.float32(255), order="C")
+        shard.close()  # a process may read more subjects than it may have files open
         pixel_size = np.float32(shard.meta["camera"]["pixel_size"])
         return Sample(
-            **{name: torch.from_numpy(np.ascontiguousarray(image)) for name, image in maps.items()},
+            rgb=torch.from_numpy(color),
+            **{name: torch.from_numpy(image[None]) for name, image in cut.items()},
             pixel_size=torch.tensor(pixel_size),
             index=torch.tensor(index),
         )
@@ -199,55 +237,84 @@ class Views(TorchDataset):
         # The device brings its own light: under another lamp it reads what the base holds.
         lit = shard.base or shard
         maps = {name: lit[name][view] for name in _READ}
-        return sensors.read(maps, lit.meta, view, self._draw(lit.meta)).depth
+        return sensors.read(maps, lit.meta, view, self._draw()).depth
 
-    def _draw(self, meta: Mapping[str, Any]) -> int:
+    def _draw(self) -> int:
         """Which of the sensor's draws: those that the dataset holds are left to it."""
         return 1_000_000 * (1 + self.seed) + self.epoch
 
 
 class _Crop:
-    """A window of fixed size round a silhouette's rectangle; it may reach beyond the image."""
+    """A window of fixed size on a silhouette's rectangle; it may reach beyond it.
 
-    def __init__(self, mask: np.ndarray, size: tuple[int, int]) -> None:
-        self._size = size
-        self._corner = [
-            _middle(np.flatnonzero(mask.any(axis=1 - axis)), mask.shape[axis]) - size[axis] // 2
-            for axis in (0, 1)
-        ]
+    Attributes:
+        rectangle: rows and columns of the image; the whole of it where there is no silhouette.
+
+    Args:
+        mirrored: whether what is cut is turned left-right.
+        rng: chooses where the window lies along an axis on which the rectangle is larger; None
+            centres it there too.
+    """
+
+    def __init__(
+        self,
+        mask: np.ndarray,
+        size: tuple[int, int],
+        mirrored: bool,
+        rng: np.random.Generator | None,
+    ) -> None:
+        self._size, self._step = size, -1 if mirrored else 1
+        sides, self._corner = [], []
+        for axis in (0, 1):
+            used = np.flatnonzero(mask.any(axis=1 - axis))
+            first, end = (int(used[0]), int(used[-1]) + 1) if len(used) else (0, mask.shape[axis])
+            sides.append(slice(first, end))
+            spare = end - first - size[axis]
+            if spare > 0 and rng is not None:
+                self._corner.append(int(rng.integers(spare + 1)))
+            else:
+                self._corner.append((first + end) // 2 - size[axis] // 2 - first)
+        self.rectangle = (sides[0], sides[1])
 
     def cut(self, image: np.ndarray) -> np.ndarray:
-        """(h, w, ...) of an (H, W, ...) map, 0 beyond its border."""
+        """(h, w, ...) of a map of the rectangle, 0 beyond its border."""
         window = np.zeros((*self._size, *image.shape[2:]), dtype=image.dtype)
+        turned = window[:, :: self._step]
         here, there = [], []
         for axis, (start, length) in enumerate(zip(self._corner, self._size, strict=True)):
             first, last = max(start, 0), min(start + length, image.shape[axis])
             there.append(slice(first, max(last, first)))
             here.append(slice(first - start, max(last, first) - start))
-        window[tuple(here)] = image[tuple(there)]
+        turned[tuple(here)] = image[tuple(there)]
         return window
 
 
-def _middle(used: np.ndarray, length: int) -> int:
-    """Of the indices from the first to the last; of the whole axis where there is none."""
-    return (int(used[0]) + int(used[-1]) + 1) // 2 if len(used) else length // 2
-
-
-def _filled(depth: np.ndarray, inside: np.ndarray, otherwise: float) -> np.ndarray:
-    """Depth at every pixel inside: its own, or the nearest in the row, or `otherwise`.
+def _filled(depth: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Depth at every pixel inside: its own, or the nearest in the row or in the nearest row.
 
     Args:
         depth: (h, w) metres, 0 = none.
-        inside: (h, w) bool; 0 outside of it.
+        inside: (h, w) bool; 0 outside of it, and everywhere if there is no depth.
     """
-    have = depth > 0
-    if (have | ~inside).all():
-        return np.where(inside, depth, np.float32(0))
-    columns = np.arange(depth.shape[1], dtype=np.int32)
-    far = np.int32(4 * depth.shape[1])
-    left = np.maximum.accumulate(np.where(have, columns, -far), axis=1)
-    right = np.minimum.accumulate(np.where(have, columns, far)[:, ::-1], axis=1)[:, ::-1]
-    nearest = np.where(columns - left <= right - columns, left, right)
-    some = (nearest >= 0) & (nearest < depth.shape[1])
-    taken = np.take_along_axis(depth, np.where(some, nearest, 0), axis=1)
-    return np.where(inside, np.where(some, taken, np.float32(otherwise)), np.float32(0))
+    filled = np.where(inside, depth, np.float32(0))
+    missing, given = np.flatnonzero(inside & (depth <= 0)), np.flatnonzero(depth > 0)
+    if not len(missing) or not len(given):
+        return filled
+    height, width = depth.shape
+    rows = np.unique(given // width)
+    halfway = (rows[1:] + rows[:-1]) / 2
+    row = rows[np.searchsorted(halfway, np.arange(height))][missing // width]
+    place = row * width + missing % width
+    # Places in the flat image, and beyond both ends one that lies in no row of it.
+    have = np.concatenate([[-1], given, [depth.size]])
+    after = np.searchsorted(have, place)
+    left, right = have[after - 1], have[after]
+    to_left = np.where(left // width == row, place - left, width)
+    to_right = np.where(right // width == row, right - place, width)
+    values = np.append(depth, np.float32(0))
+    at_left, at_right = values[left], values[right]
+    # Of two as near, the one nearer to the camera: mirrored, it is the same one.
+    found = np.where(to_left < to_right, at_left, at_right)
+    found = np.where(to_left == to_right, np.minimum(at_left, at_right), found)
+    filled.reshape(-1)[missing] = found
+    return filled

@@ -48,12 +48,12 @@ def batch(mask: torch.Tensor) -> dict:
     return maps
 
 
-@pytest.mark.parametrize("loss", [losses.mean_l1, losses.depth_loss])
-def test_the_mean_is_over_the_masks_pixels(loss):
+@pytest.mark.parametrize(("loss", "unit"), [(losses.mean_l1, 1), (losses.depth_loss, 1000)])
+def test_the_mean_is_over_the_masks_pixels_and_of_depth_in_millimetres(loss, unit):
     a = torch.tensor([[1.0, 2.0], [3.0, 100.0]])[None, None]
     b = torch.tensor([[1.5, 0.0], [3.5, 0.0]])[None, None]
     mask = torch.tensor([[True, True], [True, False]])[None, None]
-    assert loss(a, b, mask).item() == pytest.approx((0.5 + 2 + 0.5) / 3)
+    assert loss(a, b, mask).item() == pytest.approx(unit * (0.5 + 2 + 0.5) / 3)
 
 
 def test_depths_mean_is_over_all_pixels_of_a_batch_alike():
@@ -61,7 +61,7 @@ def test_depths_mean_is_over_all_pixels_of_a_batch_alike():
     mask[0] = True
     mask[1, 0, 0, 0] = True
     error = torch.tensor([1.0, 6.0]).view(2, 1, 1, 1).expand(2, 1, 2, 2)
-    assert losses.depth_loss(error, torch.zeros_like(error), mask).item() == 2  # (4 + 6) / 5
+    assert losses.mean_l1(error, torch.zeros_like(error), mask).item() == 2  # (4 + 6) / 5
 
 
 def test_a_normals_three_parts_share_the_mean():
@@ -248,12 +248,12 @@ def test_the_front_total_is_the_weighted_sum_of_its_terms():
     loss, terms = losses.front_loss(ours, true, mask, FrontWeights(), five)
     layers = 0.5 * (1 / 16 + 2 / 8 + 3 / 4 + 4)
     assert {name: term.item() for name, term in terms.items()} == pytest.approx(
-        {"depth": 0.01, "normal": 0.5, "vgg": layers}
+        {"depth": 10, "normal": 0.5, "vgg": layers}
     )
-    assert loss.item() == pytest.approx(0.01 + 20 * 0.5 + 20 * layers)
+    assert loss.item() == pytest.approx(10 + 20 * 0.5 + 20 * layers)
     loss, terms = losses.front_loss(ours, true, mask, FrontWeights(depth=3, normal=7), None)
     assert set(terms) == {"depth", "normal"}
-    assert loss.item() == pytest.approx(3 * 0.01 + 7 * 0.5)
+    assert loss.item() == pytest.approx(3 * 10 + 7 * 0.5)
 
 
 def test_the_generators_total_is_the_weighted_sum_of_its_terms():
@@ -263,7 +263,7 @@ def test_the_generators_total_is_the_weighted_sum_of_its_terms():
     loss, terms = losses.generator_loss(**given, weights=weights, vgg=five)
     ours, true = given["predicted"], given["true"]
     by_hand = {
-        "depth": (ours.depth - true.depth).abs().mean(),
+        "depth": 1000 * (ours.depth - true.depth).abs().mean(),
         "gan": -torch.log(torch.sigmoid(given["fake"][-1])).mean(),
         "matching": sum(
             (f - r).abs().mean()

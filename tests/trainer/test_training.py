@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+import math
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
+from shards.archive import write_shard
+from shards.dataset import Dataset, DatasetWriter
 from trainer import checkpoint
-from trainer.back import BackNetConfig
 from trainer.branch import Back, Branch, Front
 from trainer.checkpoint import CheckpointError
-from trainer.discriminator import DiscriminatorConfig
-from trainer.front import FrontNetConfig
-from trainer.losses import FrontWeights
-from trainer.training import CHECKPOINT, HISTORY, TrainConfig, Training
-from trainer.views import ViewsConfig
+from trainer.networks.back import BackNetConfig
+from trainer.networks.discriminator import DiscriminatorConfig
+from trainer.networks.front import FrontNetConfig
+from trainer.training import (
+    BOARD,
+    CHECKPOINT,
+    HISTORY,
+    PICTURE,
+    DivergedError,
+    TrainConfig,
+    Training,
+)
+from trainer.views import Sample, ViewsConfig
 
-# At eight views the depth of Eq. 10, in metres, is learned slowly: the normals weigh 20 times.
-FRONT = Front(net=FrontNetConfig(width=8), gamma=FrontWeights(depth=100.0))
+FRONT = Front(net=FrontNetConfig(width=8))
 BACK = Back(generator=BackNetConfig(width=8), discriminator=DiscriminatorConfig(width=8))
 
 
@@ -37,8 +47,7 @@ def training(data: Path, output: Path, branch: Branch, epochs: int, **changes: o
         batch=4,
         **changes,  # type: ignore[arg-type]
     )
-    record = {**asdict(config), "branch": {"name": branch.name, **asdict(branch)}}
-    return Training(config, record, data, output)
+    return Training(config, data, output)
 
 
 @pytest.mark.parametrize("branch", [FRONT, BACK])
@@ -47,7 +56,7 @@ def test_it_learns(data: Path, tmp_path: Path, branch: Branch) -> None:
     epochs = 30 if branch is BACK else 150
     made = training(data, tmp_path / "run", branch, epochs)
     figures = made.run()
-    assert min(of_epoch["depth_ratio"] for of_epoch in made.history) < 0.75
+    assert figures["depth_ratio"] < 0.75
     assert figures["normal_ratio"] < 0.75
     lines = (tmp_path / "run" / HISTORY).read_text().splitlines()
     assert len(lines) == epochs
@@ -65,7 +74,7 @@ def test_interrupted_and_resumed_equals_uninterrupted_to_the_bit(
     assert rest.done == 2
     rest.run()
     whole, parts = (checkpoint.load(tmp_path / n / CHECKPOINT) for n in ("whole", "parts"))
-    assert whole["epoch"] == parts["epoch"] == 4
+    assert len(whole["metrics"]) == len(parts["metrics"]) == 4
 
     def tensors(value: object) -> list[torch.Tensor]:
         if isinstance(value, torch.Tensor):
@@ -86,8 +95,8 @@ def test_interrupted_and_resumed_equals_uninterrupted_to_the_bit(
 def test_an_untrained_branch_gives_back_what_it_was_given(data: Path, tmp_path: Path) -> None:
     for branch in (FRONT, BACK):
         made = training(data, tmp_path / branch.name, branch, 1)
-        batch = next(iter(made._loader(made.test_views, 0, False)))
-        predicted, given = made.learner.predict(batch), made.learner.given(batch)
+        batch = Sample(*(part[None] for part in made.test_views[0]))
+        predicted, given = made.learner.predict(batch), branch.given(batch)
         torch.testing.assert_close(predicted, given, atol=1e-6, rtol=0)
 
 
@@ -97,7 +106,7 @@ def test_a_checkpoint_of_another_schema_or_none_is_refused(data: Path, tmp_path:
     whole = path.read_bytes()
     found = torch.load(path, weights_only=True)
     torch.save({**found, "schema": 7}, path)
-    with pytest.raises(CheckpointError, match="has schema 7, this program reads 1; train again"):
+    with pytest.raises(CheckpointError, match="has schema 7, this program reads 2; train again"):
         training(data, tmp_path, FRONT, 1)
     for torn in (whole[: len(whole) // 2], b"", b"text"):
         path.write_bytes(torn)
@@ -107,9 +116,35 @@ def test_a_checkpoint_of_another_schema_or_none_is_refused(data: Path, tmp_path:
         checkpoint.load(tmp_path / "none.pt")
 
 
+def test_what_a_killed_training_left_half_written_is_in_nobodys_way(
+    data: Path, tmp_path: Path
+) -> None:
+    """A kill during the first checkpoint leaves its temporary file, and what was told before it."""
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / f".{CHECKPOINT}.host.1.tmp").write_bytes(b"half")
+    (run / HISTORY).write_text("{}\n")
+    (run / PICTURE).touch()
+    training(data, run, FRONT, 1).run()
+    assert {path.name for path in run.iterdir()} == {CHECKPOINT, HISTORY, PICTURE, BOARD}
+    assert len((run / HISTORY).read_text().splitlines()) == 1
+
+
+def test_a_loss_that_is_no_number_is_told(data: Path, tmp_path: Path) -> None:
+    made = training(data, tmp_path / "run", FRONT, 1)
+    for weight in made.learner.networks["generator"].parameters():
+        torch.nn.init.constant_(weight, torch.nan)
+    with pytest.raises(DivergedError, match=r"in epoch 1 a loss was not finite .* in a new folder"):
+        made.run()
+    assert not (tmp_path / "run" / CHECKPOINT).exists()
+
+
 def test_another_configuration_or_folder_is_refused(data: Path, tmp_path: Path) -> None:
     training(data, tmp_path / "run", FRONT, 1).run()
-    with pytest.raises(CheckpointError, match=r"of another configuration \(learning_rate\)"):
+    with pytest.raises(
+        CheckpointError,
+        match=r"of another configuration \(learning_rate is 0\.001 there and 0\.01 here\)",
+    ):
         training(data, tmp_path / "run", FRONT, 1, learning_rate=0.01)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.tex").touch()
@@ -123,3 +158,52 @@ def test_another_configuration_or_folder_is_refused(data: Path, tmp_path: Path) 
 def test_a_wrong_setting_is_named(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=f"^{next(iter(wrong))}: "):
         TrainConfig(**wrong)  # type: ignore[arg-type]
+
+
+def test_more_epochs_may_follow_unless_the_rate_was_laid_out_for_them(
+    data: Path, tmp_path: Path
+) -> None:
+    training(data, tmp_path / "plain", FRONT, 1).run()
+    assert training(data, tmp_path / "plain", FRONT, 2).done == 1
+    training(data, tmp_path / "decay", FRONT, 1, decay="cosine").run()
+    with pytest.raises(CheckpointError, match=r"\(epochs is 1 there and 2 here\)"):
+        training(data, tmp_path / "decay", FRONT, 2, decay="cosine")
+
+
+def test_the_rate_falls_by_half_a_cosine(data: Path, tmp_path: Path) -> None:
+    made = training(data, tmp_path, FRONT, 4, decay="cosine")
+    rates = [made._rate(step, 2) for step in range(8)]
+    assert rates[0] == 1e-3
+    assert rates[4] == pytest.approx(0.5e-3)
+    assert rates[7] == pytest.approx(1e-3 * 0.5 * (1 + math.cos(math.pi * 7 / 8)))
+    assert rates == sorted(rates, reverse=True)
+
+
+def test_a_damaged_state_is_refused(data: Path, tmp_path: Path) -> None:
+    training(data, tmp_path, FRONT, 1).run()
+    path = tmp_path / CHECKPOINT
+    found = torch.load(path, weights_only=True)
+    del found["state"]["generator"]["decoder.head.bias"]
+    torch.save(found, path)
+    with pytest.raises(CheckpointError, match=r"cannot be used: .*decoder\.head\.bias.*again\Z"):
+        training(data, tmp_path, FRONT, 2)
+
+
+def test_a_back_without_bodies_is_made_from_the_front_or_not_at_all(
+    data: Path, tmp_path: Path
+) -> None:
+    bare = tmp_path / "bare"
+    base = Dataset(data)
+    with DatasetWriter(bare, {}, base.subjects(), 0, {}) as writer:
+        for name in base.subjects():
+            shard = base.shard(name)
+            maps = {member: shard[member] for member in shard.names}
+            maps["body_depth_back"] = np.zeros_like(maps["body_depth_back"])
+            written = write_shard(writer.shard_path(name), maps, shard.meta)
+            writer.add(name, *written, 0.1, "CC0-1.0")
+        writer.finish()
+    with pytest.raises(
+        ValueError, match=r"has no body to refine, nor have 4 more; .*source sensor"
+    ):
+        training(bare, tmp_path / "run", BACK, 1)
+    assert training(bare, tmp_path / "run", replace(BACK, source="sensor"), 1).run()["depth_mm"] > 0

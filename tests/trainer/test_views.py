@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import shutil
 from pathlib import Path
 
@@ -11,8 +12,10 @@ import torch
 from torch.utils.data import DataLoader, DistributedSampler
 
 from augment import sensors
-from shards.dataset import Dataset
-from trainer.views import DepthRange, Views, ViewsConfig
+from shards.archive import write_shard
+from shards.dataset import Dataset, DatasetWriter
+from trainer.normals import normals
+from trainer.views import DepthRange, Sample, Views, ViewsConfig
 
 SMALL = ViewsConfig(size=(64, 48), flip=False, noise="stored")
 
@@ -21,6 +24,50 @@ def plain(data: Path, **changes: object) -> Views:
     """The training views as they are stored."""
     config = ViewsConfig(**{"size": (64, 48), "flip": False, "noise": "stored", **changes})
     return Views(data, "train", config, varied=True)
+
+
+def mask_of(views: Views, index: int) -> np.ndarray:
+    """(H, W) of a view, uncropped."""
+    subject, view = views.place(index)
+    return views.dataset.shard(subject)["mask"][view]
+
+
+def rectangle(mask: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns that a silhouette takes."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+
+
+def sides(mask: np.ndarray) -> tuple[int, int]:
+    """How many they are."""
+    rows, columns = rectangle(mask)
+    return rows.stop - rows.start, columns.stop - columns.start
+
+
+def corner(views: Views, index: int) -> tuple[int, int]:
+    """Row and column, in the silhouette's rectangle, of a window that lies wholly in it.
+
+    It is found by its colours, which are different at all pixels.
+    """
+    subject, view = views.place(index)
+    shard = views.dataset.shard(subject)
+    whole = shard["rgb_front"][view][rectangle(shard["mask"][view])].transpose(2, 0, 1)
+    window = (views[index].rgb.numpy() * 255).round().astype("u1")
+    places = np.lib.stride_tricks.sliding_window_view(whole, window.shape)[0]
+    ((row, column),) = np.argwhere((places == window).all(axis=(2, 3, 4)))
+    return int(row), int(column)
+
+
+def same(one: Sample, other: Sample) -> bool:
+    """To the bit."""
+    return all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+def open_files(folder: Path) -> list[Path]:
+    """What this process has open of a folder."""
+    links = Path("/proc/self/fd").iterdir()
+    targets = [link.readlink() for link in links if link.is_symlink()]
+    return [target for target in targets if target.is_relative_to(folder.resolve())]
 
 
 def test_splits_are_by_subject(data: Path) -> None:
@@ -70,20 +117,69 @@ def test_a_window_larger_than_the_image_is_padded_and_a_smaller_one_cuts(data: P
     assert small.mask.all()
 
 
-def test_holes_take_the_nearest_reading_of_their_row(data: Path) -> None:
-    sample = plain(data)[3]
-    inside, body = sample.mask[0].numpy(), sample.body[0].numpy()
-    coarse = sample.coarse[0].numpy()
-    assert (body & inside).sum() < inside.sum()
-    back = Dataset(data).shard(plain(data).place(3)[0])["body_depth_back"][plain(data).place(3)[1]]
-    np.testing.assert_array_equal(np.sort(coarse[body]), np.sort(back[back > 0]))
-    for i, j in np.argwhere(inside & ~body):
-        at = np.flatnonzero(body[i])
-        if len(at):
-            assert coarse[i, j] in coarse[i, at[np.abs(at - j) == np.abs(at - j).min()]]
-        else:
-            assert coarse[i, j] == pytest.approx(sample.back[0].numpy()[inside].mean(), rel=1e-5)
-    assert not coarse[~inside].any()
+def nearest(depth: np.ndarray, valid: np.ndarray, i: int, j: int) -> np.ndarray:
+    """The nearest valid values to a pixel, in its row or in the nearest row that has any."""
+    rows = np.flatnonzero(valid.any(axis=1))
+    row = rows[np.abs(rows - i).argmin()]
+    at = np.flatnonzero(valid[row])
+    return depth[row, at[np.abs(at - j) == np.abs(at - j).min()]]
+
+
+def test_what_the_body_leaves_bare_has_the_nearest_of_its_depth(data: Path) -> None:
+    above = 0
+    for index in range(8):
+        sample = plain(data)[index]
+        inside, body = sample.mask[0].numpy(), sample.body[0].numpy()
+        coarse = sample.coarse[0].numpy()
+        subject, view = plain(data).place(index)
+        back = Dataset(data).shard(subject)["body_depth_back"][view]
+        np.testing.assert_array_equal(np.sort(coarse[body]), np.sort(back[back > 0]))
+        for i, j in np.argwhere(inside & ~body):
+            assert coarse[i, j] == nearest(coarse, body, i, j).min()
+            above += not body[i].any()
+        assert not coarse[~inside].any()
+    assert above > 50
+
+
+def test_what_the_sensor_missed_is_nearest_in_the_row_mirrored_or_not(
+    data: Path, tmp_path: Path
+) -> None:
+    """Of two readings as near the one nearer to the camera, which no mirror changes."""
+    rng = np.random.default_rng(0)
+    base = Dataset(data)
+    with DatasetWriter(tmp_path, {}, base.subjects(), 0, {"numpy": np.__version__}) as writer:
+        for name in base.subjects():
+            shard = base.shard(name)
+            maps = {member: shard[member] for member in shard.names}
+            holes = rng.random(maps["mask"].shape) < 0.7
+            holes[:, ::7] = True
+            maps["depth_sensor"] = np.where(holes, np.float32(0), maps["depth_sensor"])
+            written = write_shard(writer.shard_path(name), maps, shard.meta)
+            writer.add(name, *written, 0.1, "CC0-1.0")
+        writer.finish()
+    views, flipped = plain(tmp_path), plain(tmp_path, flip=True)
+    ties = turned = 0
+    for index in range(len(views)):
+        for each in (views, flipped):  # so that one row's end is near the next one's start
+            each.resize(sides(mask_of(views, index)))
+        here, there = views[index], flipped[index]
+        subject, view = views.place(index)
+        own = base.shard(subject)
+        read = views.dataset.shard(subject)["depth_sensor"][view][own["mask"][view]]
+        inside, valid, found = (part[0].numpy() for part in (here.mask, here.valid, here.sensor))
+        np.testing.assert_array_equal(np.where(valid, found, 0)[inside], read)
+        assert not valid[~inside].any()
+        assert not found[~inside].any()
+        for i, j in np.argwhere(inside & ~valid):
+            near = nearest(found, valid, i, j)
+            ties += len(near) - 1
+            assert found[i, j] == near.min()
+        if not torch.equal(here.rgb, there.rgb):
+            turned += 1
+            assert torch.equal(here.sensor.flip(-1), there.sensor)
+            assert torch.equal(here.valid.flip(-1), there.valid)
+    assert ties > 100
+    assert turned
 
 
 def test_the_sensor_is_stored_or_drawn_anew_each_epoch(data: Path) -> None:
@@ -162,3 +258,223 @@ def test_an_empty_split_is_named(data: Path, tmp_path: Path) -> None:
     manifest.write_text(manifest.read_text().replace('"test"', '"train"'))
     with pytest.raises(ValueError, match="no subject in its test split"):
         Views(tmp_path / "data", "test", SMALL, varied=False)
+
+
+def test_the_extent_is_the_largest_silhouettes(data: Path) -> None:
+    for split in ("train", "test"):
+        views = Views(data, split, SMALL, varied=False)
+        found = [sides(mask_of(views, index)) for index in range(len(views))]
+        assert views.extent() == (max(r for r, _ in found), max(c for _, c in found))
+    assert len(set(found)) > 1
+    views.resize(views.extent())
+    for index in range(len(views)):
+        assert views[index].mask.sum() == mask_of(views, index).sum()
+
+
+def test_another_size_holds_from_then_on(data: Path) -> None:
+    views = plain(data)
+    before = views[2]
+    views.resize((50, 71))
+    assert views[2].rgb.shape == (3, 50, 71)
+    assert views[2].sensor.shape == (1, 50, 71)
+    assert views.config == ViewsConfig(size=(50, 71), flip=False, noise="stored")
+    with pytest.raises(ValueError, match=r"views\.size: .*; give rows and columns"):
+        views.resize((50, 8))
+    views.resize((64, 48))
+    assert same(views[2], before)
+
+
+def test_a_window_smaller_than_the_silhouette_lies_anywhere_in_it(data: Path) -> None:
+    views = plain(data)
+    rows, columns = sides(mask_of(views, 0))
+    views.resize((rows - 3, columns - 2))
+    seen = []
+    for epoch in range(120):
+        views.set_epoch(epoch)
+        seen.append(corner(views, 0))
+    every = {(row, column) for row in range(4) for column in range(3)}
+    assert set(seen) == every
+    # By chance each has 10: neither is a place preferred nor do they take turns.
+    assert all(2 <= seen.count(place) <= 22 for place in every)
+    assert seen[:12] != seen[12:24]
+    views.set_epoch(0)
+    assert corner(views, 0) == seen[0]
+    other = Views(data, "train", views.config, varied=True, seed=1)
+    places = []
+    for epoch in range(12):
+        other.set_epoch(epoch)
+        places.append(corner(other, 0))
+    assert places != seen[:12]
+
+
+def test_it_lies_in_every_silhouette_and_elsewhere_in_each(data: Path) -> None:
+    views = plain(data, size=(40, 17))
+    seen = set()
+    for index in range(len(views)):
+        rows, columns = sides(mask_of(views, index))
+        assert rows > 40
+        assert columns > 17
+        row, column = corner(views, index)
+        assert row <= rows - 40
+        assert column <= columns - 17
+        seen.add((row / (rows - 40), column / (columns - 17)))
+    assert len(seen) == len(views)
+
+
+def test_along_an_axis_with_room_to_spare_it_stays_centred(data: Path) -> None:
+    views = plain(data, size=(40, 48))
+    first = set()
+    for epoch in range(10):
+        views.set_epoch(epoch)
+        inside = views[0].mask[0].numpy()
+        assert inside.any(axis=1).all()
+        used = np.flatnonzero(inside.any(axis=0))
+        assert abs((used[0] + used[-1] + 1) / 2 - 24) <= 1.5  # of the rows that are seen
+        first.add(views[0].rgb.numpy().tobytes())
+    assert len(first) > 3
+
+
+@pytest.mark.parametrize("less", [(0, 0), (1, 1), (2, 3), (3, 2), (8, 9)])
+def test_unvaried_it_is_the_middle_in_every_epoch(data: Path, less: tuple[int, int]) -> None:
+    views = Views(data, "train", SMALL, varied=False)
+    for index in range(len(views)):
+        rows, columns = sides(mask_of(views, index))
+        views.resize((rows - less[0], columns - less[1]))
+        places = set()
+        for epoch in range(4):
+            views.set_epoch(epoch)
+            places.add(corner(views, index))
+        ((row, column),) = places
+        assert abs(row - less[0] / 2) <= 0.5
+        assert abs(column - less[1] / 2) <= 0.5
+
+
+@pytest.mark.parametrize("context", ["fork", "spawn"])
+def test_workers_that_outlive_an_epoch_know_of_the_next(data: Path, context: str) -> None:
+    """Whether they inherit the views or are sent them; noise, flips and places change."""
+    views = plain(data, size=(40, 17), noise="redrawn", flip=True)
+    loader = DataLoader(
+        views, batch_size=1, num_workers=2, persistent_workers=True, multiprocessing_context=context
+    )
+    before: list[Sample] = []
+    for epoch in (3, 4):
+        views.set_epoch(epoch)
+        alone = [views[index] for index in range(len(views))]
+        found = [Sample(*(part[0] for part in batch)) for batch in loader]
+        assert all(map(same, found, alone))
+        assert not any(map(same, before, found))
+        before = found
+
+
+def test_a_copy_for_another_process_holds_no_file(data: Path) -> None:
+    views = plain(data)
+    views.set_epoch(5)
+    mine = [views[index] for index in range(len(views))]
+    for shard in views._shards:
+        assert shard["mask"].any()  # so its file is mapped
+    before = len(open_files(data))
+    assert before >= len(views.subjects)
+    twin = copy.deepcopy(views)  # by the state that pickling takes too
+    assert all(shard._map is None for shard in twin._shards)
+    assert len(open_files(data)) <= before
+    assert twin.epoch == 5
+    assert all(same(twin[index], mine[index]) for index in range(len(views)))
+
+
+def test_however_many_subjects_there_are_few_files_are_open(data: Path) -> None:
+    views = plain(data, noise="redrawn")
+    already = len(open_files(data))
+    views.extent()
+    views.depth_range()
+    samples = [views[index] for index in range(len(views))]
+    assert len(open_files(data)) - already <= 1
+    assert samples[0].mask.any()
+
+
+def test_normals_of_a_flipped_view_are_flipped_and_x_negated(data: Path) -> None:
+    views, flipped = plain(data), plain(data, flip=True)
+    turned = 0
+    for index in range(len(views)):
+        here, there = views[index], flipped[index]
+        if torch.equal(here.rgb, there.rgb):
+            continue
+        turned += 1
+        subject, view = views.place(index)
+        shard = Dataset(data).shard(subject)
+        for side in ("front", "back"):
+            ours, mirrored = (
+                normals(getattr(s, side)[None], s.pixel_size, s.mask[None], side)[0]
+                for s in (here, there)
+            )
+            expected = ours.flip(-1) * torch.tensor([-1.0, 1.0, 1.0]).view(3, 1, 1)
+            torch.testing.assert_close(mirrored, expected, rtol=0, atol=1e-5)
+            # They are the surface's too: those that are stored, mirrored.
+            stored = shard[f"normal_{side}"][view][shard["mask"][view]].astype("f4")
+            wanted = torch.zeros_like(ours)
+            wanted[:, here.mask[0]] = torch.from_numpy(stored.T)
+            wanted = wanted.flip(-1) * torch.tensor([-1.0, 1.0, 1.0]).view(3, 1, 1)
+            steep = wanted[2].abs() < 0.6
+            cosine = (mirrored * wanted).sum(0)[there.mask[0] & ~steep]
+            assert len(cosine) > 300
+            assert cosine.min() > 0.99
+    assert 0 < turned < len(views)
+
+
+def test_a_power_of_a_light_sweep_differs_from_its_base_in_colour_alone(
+    data: Path, tmp_path: Path
+) -> None:
+    """Its sensor's readings, redrawn ones too, are those under the base's lamp."""
+    base = Dataset(data)
+    shutil.copytree(data, tmp_path / "data")
+    moved = Dataset(tmp_path / "data")
+    with DatasetWriter(
+        tmp_path / "0050W", {"power": 50}, base.subjects(), 0, {"numpy": np.__version__}, moved
+    ) as writer:
+        for name in moved.subjects():
+            shard = moved.shard(name)
+            entry = moved.manifest[name]
+            named = {"shard": f"base/{entry.file}", "contents": shard.contents}
+            meta = {**shard.meta, "base": {**named, "sha256": entry.sha256}}
+            meta["light"] = {**meta["light"], "power": 50.0}
+            colors = {side: shard[side] // 2 for side in ("rgb_front", "rgb_back")}
+            written = write_shard(writer.shard_path(name), colors, meta, base=shard)
+            writer.add(name, *written, 0.1, "CC0-1.0")
+        writer.finish()
+    for noise in ("stored", "redrawn"):
+        bright, dim = (plain(each, noise=noise) for each in (data, tmp_path / "0050W"))
+        assert dim.subjects == bright.subjects
+        assert dim.depth_range() == bright.depth_range()
+        assert dim.extent() == bright.extent()
+        for views in (bright, dim):
+            views.set_epoch(2)
+        for index in (0, 5):
+            one, other = bright[index], dim[index]
+            assert not torch.equal(one.rgb, other.rgb)
+            assert same(one._replace(rgb=other.rgb), other)
+            halves = (one.rgb * 255).round() // 2
+            torch.testing.assert_close(other.rgb, halves / 255)
+
+
+def test_a_crop_is_a_part_of_the_whole_person_filled_in_alike(data: Path, tmp_path: Path) -> None:
+    """What a small window lacks comes from beyond it, as in a large one."""
+    base = Dataset(data)
+    rng = np.random.default_rng(1)
+    with DatasetWriter(tmp_path, {}, base.subjects(), 0, {"numpy": np.__version__}) as writer:
+        for name in base.subjects():
+            shard = base.shard(name)
+            maps = {member: shard[member] for member in shard.names}
+            for member in ("depth_sensor", "body_depth_back"):
+                left = rng.random(maps["mask"].shape) < 0.02
+                maps[member] = np.where(left, maps[member], np.float32(0))
+            written = write_shard(writer.shard_path(name), maps, shard.meta)
+            writer.add(name, *written, 0.1, "CC0-1.0")
+        writer.finish()
+    whole, small = plain(tmp_path), plain(tmp_path, size=(16, 16))
+    for index in range(len(whole)):
+        here, part = whole[index], small[index]
+        for name in ("sensor", "coarse", "valid", "body", "front", "rgb"):
+            windows = getattr(here, name).unfold(1, 16, 1).unfold(2, 16, 1)
+            same = (windows == getattr(part, name)[:, None, None]).all(-1).all(-1).all(0)
+            assert same.any(), name
+        assert (part.sensor[part.mask] > 0).all()
+        assert (part.coarse[part.mask] > 0).all()

@@ -4,15 +4,24 @@ import pytest
 import torch
 from torch import nn
 
-from trainer.back import BackNet, BackNetConfig
-from trainer.blocks import Decoder, Down, Encoder, Up, check_maps, convolution, even, initialise
-from trainer.discriminator import Discriminator, DiscriminatorConfig
-from trainer.front import FrontNet, FrontNetConfig
+from trainer.networks.back import BackNet, BackNetConfig
+from trainer.networks.blocks import (
+    Decoder,
+    Down,
+    Encoder,
+    Up,
+    check_maps,
+    convolution,
+    even,
+    initialise,
+)
+from trainer.networks.discriminator import Discriminator, DiscriminatorConfig
+from trainer.networks.front import FrontNet, FrontNetConfig
 
 NETWORKS = {
     "front": lambda: FrontNet(FrontNetConfig(8)),
-    "back": lambda: BackNet(BackNetConfig(8)),
-    "discriminator": lambda: Discriminator(DiscriminatorConfig(8)),
+    "back": lambda: BackNet(BackNetConfig(8), 1),
+    "discriminator": lambda: Discriminator(DiscriminatorConfig(8), 3),
 }
 
 
@@ -63,13 +72,15 @@ def test_a_sample_does_not_see_its_batch(make):
     torch.manual_seed(0)
     network = make().train()
     nn.init.normal_(network.decoder.head.weight)
-    channels = [3, 1] if isinstance(network, FrontNet) else [1]
-    batch = [torch.randn(3, channel, 20, 24) for channel in channels]
+    depth = torch.randn(3, 1, 20, 24)
+    batch = [depth]
+    if isinstance(network, FrontNet):
+        batch = [torch.randn(3, 3, 20, 24), depth, torch.ones_like(depth, dtype=torch.bool)]
     whole = network(*batch)
     alone = network(*(maps[1:2] for maps in batch))
     first = whole if isinstance(whole, torch.Tensor) else whole[0]
     first_alone = alone if isinstance(alone, torch.Tensor) else alone[0]
-    assert (first[1] - batch[-1][1]).abs().max() > 0.1
+    assert (first[1] - depth[1]).abs().max() > 0.01
     torch.testing.assert_close(first[1:2], first_alone, rtol=1e-4, atol=1e-4)
 
 

@@ -5,8 +5,8 @@ import math
 import pytest
 import torch
 
-from trainer.attention import CrossAttention
-from trainer.blocks import initialise
+from trainer.networks.attention import CrossAttention
+from trainer.networks.blocks import initialise
 
 
 @pytest.fixture

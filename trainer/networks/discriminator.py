@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from trainer.blocks import SLOPE, check_maps, check_width, initialise
+from trainer.networks.blocks import SLOPE, check_maps, check_width, initialise
 
 LAYERS = 5
 """Convolutions, the last to the logits."""
@@ -21,8 +21,6 @@ class DiscriminatorConfig:
 
     pix2pix has 64.
     """
-    in_channels: int = 3
-    """Channels of the maps it judges: 3 for normals, 1 for depth (Table 4's "dGAN")."""
     strided: int = 4
     """Layers that halve the grid: 4 judges patches of 94 x 94 pixels, 3 patches of 70 x 70 as
     pix2pix does, with about four times as many logits.
@@ -30,8 +28,6 @@ class DiscriminatorConfig:
 
     def __post_init__(self) -> None:
         check_width("discriminator.width", self.width)
-        if self.in_channels < 1:
-            raise ValueError(f"discriminator.in_channels: {self.in_channels}; give 1 or more")
         if not 1 <= self.strided < LAYERS:
             raise ValueError(
                 f"discriminator.strided: {self.strided}; give 1 to {LAYERS - 1} of its layers"
@@ -60,15 +56,18 @@ class Discriminator(nn.Module):
 
     Parameters: 2,763,841 for normals, 2,761,793 for depth, at width 64; 174,865 for normals at 16.
 
+    Args:
+        inputs: channels of the maps it judges: 3 of normals, 1 of depth (Table 4's "dGAN").
+
     Source: Isola et al., "Image-to-image translation with conditional adversarial networks", CVPR
     2017; all layers' features are for the matching loss of Wang et al., CVPR 2018 (Eq. 12 of "Fine
     Back Surfaces Oriented Human Reconstruction for Single RGB-D Images", section 3.4 and 3.6).
     """
 
-    def __init__(self, config: DiscriminatorConfig) -> None:
+    def __init__(self, config: DiscriminatorConfig, inputs: int) -> None:
         super().__init__()
-        self.config = config
-        channels = [config.in_channels, *(config.width * factor for factor in (1, 2, 4, 8)), 1]
+        self.config, self.inputs = config, inputs
+        channels = [inputs, *(config.width * factor for factor in (1, 2, 4, 8)), 1]
         self.layers = nn.ModuleList(
             _layer(
                 *channels[k : k + 2],
@@ -86,12 +85,12 @@ class Discriminator(nn.Module):
         A logit above 0 calls its patch true.
 
         Args:
-            maps: (B, in_channels, H, W), about -1 to 1, `config.least` pixels or more each way.
+            maps: (B, inputs, H, W), about -1 to 1, `config.least` pixels or more each way.
 
         Raises:
             ValueError: the shape is another or too small.
         """
-        check_maps("maps", maps, self.config.in_channels)
+        check_maps("maps", maps, self.inputs)
         height, width = maps.shape[-2:]
         if min(height, width) < self.config.least:
             least = self.config.least

@@ -6,7 +6,13 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from trainer.blocks import Decoder, Encoder, check_maps, check_width, initialise
+from trainer.networks.blocks import (
+    Decoder,
+    Encoder,
+    check_maps,
+    check_width,
+    initialise,
+)
 
 
 @dataclass(frozen=True)
@@ -17,15 +23,9 @@ class BackNetConfig:
     """Channels of the first layer, a multiple of 8; the next have 2, 4 and, from the fourth on, 8
     times as many. Time and memory grow with it, parameters with its square; pix2pix has 64.
     """
-    in_channels: int = 1
-    """Channels of the input, of which the first is the depth that is corrected: 1 for the body's
-    coarse back, or for the front depth in its place (Table 4's "nGAN"), 4 for that with colour.
-    """
 
     def __post_init__(self) -> None:
         check_width("back.width", self.width)
-        if self.in_channels < 1:
-            raise ValueError(f"back.in_channels: {self.in_channels}; give 1 or more")
 
 
 class BackNet(nn.Module):
@@ -37,18 +37,23 @@ class BackNet(nn.Module):
     training: the untrained network returns the depth it is given. There is no dropout, which
     pix2pix has for a generator's noise: one body has one back.
 
-    Parameters: 63,607,234 at width 64, 15,908,066 at 32, 3,980,146 at 16 (one input channel).
+    Parameters: 63,608,834 at width 64, 15,908,866 at 32, 3,980,546 at 16 (two input channels).
+
+    Args:
+        inputs: channels of the input, of which the first is the depth that is corrected.
+        correction: normalised depth that an output of 1 corrects: clothes are centimetres thick,
+            a tenth of the range, and people some decimetres.
 
     Source: "Fine Back Surfaces Oriented Human Reconstruction for Single RGB-D Images", section 3.4,
     Eq. 5 and 13. The silhouette is a second output, for its loss to have something to learn from.
     """
 
-    def __init__(self, config: BackNetConfig) -> None:
+    def __init__(self, config: BackNetConfig, inputs: int, correction: float = 0.1) -> None:
         super().__init__()
         channels = [config.width * factor for factor in (1, 2, 4, 8, 8, 8, 8, 8)]
-        self.in_channels = config.in_channels
-        self.encoder = Encoder(config.in_channels, channels)
-        self.decoder = Decoder(channels[-1], config.in_channels, channels, 2)
+        self.inputs, self.correction = inputs, correction
+        self.encoder = Encoder(inputs, channels)
+        self.decoder = Decoder(channels[-1], inputs, channels, 2)
         initialise(self)
 
     def forward(self, maps: Tensor) -> tuple[Tensor, Tensor]:
@@ -57,12 +62,12 @@ class BackNet(nn.Module):
         The depth is in the units of the first channel and not clipped; a logit above 0 is inside.
 
         Args:
-            maps: (B, in_channels, H, W), depth normalised to [-1, 1] first.
+            maps: (B, inputs, H, W), depth normalised to [-1, 1] first.
 
         Raises:
             ValueError: the shape is another.
         """
-        check_maps("maps", maps, self.in_channels)
+        check_maps("maps", maps, self.inputs)
         *features, deepest = self.encoder(maps)
         correction, logit = self.decoder(deepest, [maps, *features]).split(1, dim=1)
-        return maps[:, :1] + correction, logit
+        return maps[:, :1] + self.correction * correction, logit

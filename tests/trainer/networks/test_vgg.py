@@ -7,7 +7,8 @@ import torch
 from torch.nn.functional import conv2d, max_pool2d, relu
 
 from seeds import generator
-from trainer import losses, vgg
+from trainer import losses
+from trainer.networks import vgg
 
 BLOCKS = (
     ((0, 3, 64), (2, 64, 64)),

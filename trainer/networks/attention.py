@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from trainer.blocks import SLOPE, even
+from trainer.networks.blocks import SLOPE, even
 
 
 class CrossAttention(nn.Module):
@@ -55,7 +55,9 @@ class CrossAttention(nn.Module):
         """Eq. 1: f_m, (B, N, N) between 0 and 1; row i holds what token i takes of each."""
         tokens = _tokens(deep)
         query, key = self.query(tokens), self.key(tokens)
+        # In half precision ln N would be rounded by some hundredths.
         scores = query @ key.transpose(1, 2) / math.sqrt(query.shape[2])
+        scores = scores.to(torch.promote_types(scores.dtype, torch.float32))
         return torch.sigmoid(scores - math.log(tokens.shape[1]))
 
     def forward(self, deep: Tensor, finer: Tensor) -> Tensor:

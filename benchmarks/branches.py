@@ -1,0 +1,151 @@
+"""Trained branches on the test subjects: the front beside the best classical filters of depth.
+
+    python -m benchmarks.branches DIR [--front CHECKPOINT] [--back CHECKPOINT]
+
+DIR is a dataset, the checkpoints are what `pipeline.py train` wrote there. A bilateral and a median
+filter are tuned on one view of every training subject. Every row is of all test views, whole: mean
+absolute error of depth, and the mean angle between the normals of Eq. 6 and those of the true
+depth, over the silhouettes' pixels. The back's are given once more for the pixels where the body
+has a depth of its own: elsewhere the coarse depth is filled in.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields
+from itertools import product
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from scipy.ndimage import distance_transform_edt, median_filter
+from torch import Tensor
+from tqdm import tqdm
+
+from trainer.errors import angle
+from trainer.learner import load
+from trainer.normals import Side, normals
+from trainer.views import Sample, Views, ViewsConfig
+
+Denoise = Callable[[Sample], Tensor]
+"""From one view as a batch of one to its (1, 1, H, W) depth in metres."""
+
+
+@dataclass(frozen=True)
+class Median:
+    """The median of a square window; beyond the outline stands the nearest depth inside."""
+
+    size: int
+    """Pixels across."""
+
+    def __call__(self, sample: Sample) -> Tensor:
+        depth, mask = sample.sensor[0, 0].numpy(), sample.mask[0, 0].numpy()
+        nearest = distance_transform_edt(~mask, return_distances=False, return_indices=True)
+        found = median_filter(depth[tuple(nearest)], self.size)
+        return torch.from_numpy(np.where(mask, found, 0))[None, None]
+
+
+@dataclass(frozen=True)
+class Bilateral:
+    """OpenCV's bilateral filter; what lies beyond the outline is too far off to have a weight."""
+
+    space: float
+    """Standard deviation in pixels."""
+    range: float
+    """Standard deviation in metres of depth."""
+
+    def __call__(self, sample: Sample) -> Tensor:
+        depth, mask = sample.sensor[0, 0].numpy(), sample.mask[0, 0].numpy()
+        across = 2 * int(np.ceil(2.5 * self.space)) + 1
+        found = cv2.bilateralFilter(depth, across, self.range, self.space)
+        return torch.from_numpy(np.where(mask, found, 0))[None, None]
+
+
+MEDIANS = [Median(size) for size in (1, 3, 5, 7)]
+BILATERALS = [
+    Bilateral(space, reach)
+    for space, reach in product(
+        (0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.4), (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2, 0.5)
+    )
+]
+
+
+def measure(
+    denoise: Denoise, samples: Iterable[Sample], side: Side = "front", own: bool = False
+) -> tuple[float, float]:
+    """Mean error over the silhouettes' pixels, or the body's own of them: millimetres, degrees."""
+    sums, pixels = torch.zeros(2, dtype=torch.float64), 0
+    for sample in samples:
+        depth = denoise(sample)
+        true = sample.front if side == "front" else sample.back
+        ours, theirs = (
+            normals(each, sample.pixel_size, sample.mask, side) for each in (depth, true)
+        )
+        counted = sample.body if own else sample.mask
+        off = 1000 * (depth - true).abs()[counted].double().sum()
+        sums += torch.stack([off, angle(ours, theirs)[counted].double().sum()])
+        pixels += int(counted.sum())
+    millimetres, degrees = (sums / pixels).tolist()
+    return millimetres, degrees
+
+
+def samples(views: Views, every: int = 1) -> Iterable[Sample]:
+    """Every so manieth view, as a batch of one."""
+    for index in range(0, len(views), every):
+        yield Sample(*(part[None] for part in views[index]))
+
+
+def tuned(grid: Sequence[Denoise], views: Views) -> Denoise:
+    """The filter with the least error of depth on one view of every subject.
+
+    Raises:
+        ValueError: it stands at the grid's edge: a better one may lie beyond.
+    """
+    some = list(samples(views, len(views) // len(views.subjects)))
+    best = grid[int(np.argmin([measure(each, some)[0] for each in tqdm(grid, leave=False)]))]
+    for field in fields(best):
+        values = [getattr(each, field.name) for each in grid]
+        if getattr(best, field.name) in (min(values), max(values)):
+            raise ValueError(f"{best} is the best of its grid and at its edge; widen {field.name}")
+    return best
+
+
+def show(title: str, rows: dict[str, tuple[float, float]]) -> None:
+    """Print a table whose first row is what the others are measured by."""
+    print(f"\n{title:44}{'depth, mm':>10}{'of first':>9}{'normals, deg':>14}{'of first':>9}")
+    first = next(iter(rows.values()))
+    for name, off in rows.items():
+        shares = [ours / theirs for ours, theirs in zip(off, first, strict=True)]
+        print(f"{name:44}{off[0]:10.3f}{shares[0]:9.1%}{off[1]:14.2f}{shares[1]:9.1%}")
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("data", type=Path, help="folder of the dataset")
+    parser.add_argument("--front", type=Path, help="checkpoint of the front branch")
+    parser.add_argument("--back", type=Path, help="checkpoint of the back branch")
+    options = parser.parse_args()
+    train, test = (
+        Views(options.data, split, ViewsConfig(), varied=False) for split in ("train", "test")
+    )
+    for views in (train, test):
+        views.resize(views.extent())
+    print(f"{len(test)} views of {len(test.subjects)} test subjects")
+    fronts: dict[str, Denoise] = {"the sensor": lambda sample: sample.sensor}
+    fronts |= {str(found): found for found in (tuned(MEDIANS, train), tuned(BILATERALS, train))}
+    if options.front is not None:
+        fronts["the front branch"] = load(options.front).predict
+    show("front", {name: measure(each, samples(test)) for name, each in fronts.items()})
+    backs: dict[str, Denoise] = {"the body": lambda sample: sample.coarse}
+    if options.back is not None:
+        backs["the back branch"] = load(options.back).predict
+    for title, own in (("back", False), ("back, where the body is", True)):
+        rows = {name: measure(each, samples(test), "back", own) for name, each in backs.items()}
+        show(title, rows)
+
+
+if __name__ == "__main__":
+    main()

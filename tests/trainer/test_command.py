@@ -1,0 +1,222 @@
+"""The command as a user gives it: every configuration, real trainings in processes of their own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from PIL import Image
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from trainer import checkpoint
+from trainer.branch import Back, from_record
+from trainer.networks.vgg import VGG19
+
+ROOT = Path(__file__).parents[2]
+FRONT, BACK = (ROOT / "configs" / f"train_{name}_cpu.yaml" for name in ("front", "back"))
+TINY = {
+    "front": ("--branch.net.width", "8"),
+    "back": ("--branch.generator.width", "8", "--branch.discriminator.width", "8"),
+}
+
+
+JUDGED = ("--branch.normal_gan", '{"width": 8}')
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, str(ROOT / "pipeline.py"), "train", *map(str, arguments)]
+
+
+def train(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end."""
+    return subprocess.run(
+        command(*arguments), capture_output=True, text=True, timeout=300, check=False
+    )
+
+
+def tiny(data: Path, output: Path, name: str = "front", epochs: int = 1) -> list[object]:
+    """Arguments of a training of seconds."""
+    size = "[64, 48]"
+    return [
+        *("--config", FRONT if name == "front" else BACK, *TINY[name]),
+        *("--data", data, "--output", output, "--workers", 1),
+        *("--views.size", size, "--epochs", epochs, "--batch", 4),
+    ]
+
+
+@pytest.mark.parametrize("name", ["front", "back"])
+def test_it_trains_shows_and_keeps_what_it_says(data: Path, tmp_path: Path, name: str) -> None:
+    run = tmp_path / "run"
+    done = train(*tiny(data, run, name, epochs=2))
+    assert done.returncode == 0, done.stderr
+    assert f"{name}: 8 views of 4 subjects to learn from, 2 of 1 to test" in done.stderr
+    assert "no vgg file: the VGG19 term (Eq. 9) is off" in done.stderr
+    assert "epoch 2/2: test depth off by " in done.stderr
+    assert "of it waiting for data; 0 s left" in done.stderr
+    figures = [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
+    assert len(figures) == 2
+    assert f"test depth off by {figures[1]['depth_mm']:.2f} mm of " in done.stdout
+    found = checkpoint.load(run / "checkpoint.pt")
+    assert found["metrics"] == figures
+    assert found["config"]["vgg"] is None
+    assert from_record(found["config"]["branch"]).name == name
+    assert len(found["data"]["shards_sha256"]) == 64
+    assert {path.name for path in run.iterdir()} == {
+        *("checkpoint.pt", "history.jsonl", "tensorboard", "test.png")
+    }
+    board = EventAccumulator(str(run / "tensorboard"))
+    board.Reload()
+    for tag in ("loss/depth", "depth/mm", "normal/deg", "waiting"):
+        values = [event.value for event in board.Scalars(tag)]
+        assert values == pytest.approx([of[tag.replace("/", "_")] for of in figures], rel=1e-5)
+    with Image.open(run / "test.png") as image:
+        shown = np.asarray(image)
+    assert shown.shape == (2 * 64, 7 * 48, 3)
+    assert shown.std() > 10
+    again = train(*tiny(data, run, name, epochs=2))
+    assert again.returncode == 0
+    assert again.stdout == done.stdout
+    assert "2 of 2 epochs stand already" in again.stderr
+    assert "epoch 1/2" not in again.stderr
+
+
+def test_an_interrupted_training_goes_on_to_the_same_bits(data: Path, tmp_path: Path) -> None:
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    one_thread = {"OMP_NUM_THREADS": "1"}
+    arguments = [tiny(data, folder, epochs=6) for folder in (whole, parts)]
+
+    def start(given: list[object]) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            command(*given), stderr=subprocess.PIPE, text=True, env={**os.environ, **one_thread}
+        )
+
+    assert start(arguments[0]).wait(300) == 0
+    codes = []
+    for end in (signal.SIGINT, signal.SIGKILL):
+        process = start(arguments[1])
+        before = _epochs(parts)
+        deadline = time.monotonic() + 200
+        while _epochs(parts) == before and process.poll() is None:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.send_signal(end)
+        said = process.communicate(timeout=60)[1]
+        codes.append(process.returncode)
+        assert "Traceback" not in said
+    assert codes[0] == 130
+    assert start(arguments[1]).wait(300) == 0
+    first, second = (checkpoint.load(run / "checkpoint.pt")["state"] for run in (whole, parts))
+    for name, network in first.items():
+        if not name.endswith("_adam"):
+            assert all(torch.equal(value, second[name][key]) for key, value in network.items())
+
+
+def _epochs(run: Path) -> int:
+    history = run / "history.jsonl"
+    return len(history.read_text().splitlines()) if history.exists() else 0
+
+
+def test_vgg_weights_are_used_and_known_by_their_bytes(data: Path, tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    for name in ("one", "two"):
+        torch.save(VGG19().state_dict(), tmp_path / f"{name}.pth")
+    given = tiny(data, tmp_path / "run", epochs=1)
+    done = train(*given, "--vgg", tmp_path / "one.pth")
+    assert done.returncode == 0, done.stderr
+    assert "Eq. 9" not in done.stderr
+    (line,) = (tmp_path / "run" / "history.jsonl").read_text().splitlines()
+    assert json.loads(line)["loss_vgg"] > 0
+    (tmp_path / "one.pth").rename(tmp_path / "moved.pth")
+    assert train(*given, "--vgg", tmp_path / "moved.pth").returncode == 0
+    other = train(*given, "--vgg", tmp_path / "two.pth")
+    assert other.returncode == 2
+    assert "is of another configuration (vgg" in other.stderr
+    missing = train(*given, "--vgg", tmp_path / "none.pth")
+    assert missing.returncode == 2
+    assert "none.pth does not exist" in missing.stderr
+
+
+ABLATIONS = {
+    "front_unet": lambda front: not front.net.attention and front.normal_gan is None,
+    "front_unet_ngan": lambda front: not front.net.attention and front.judge() is not None,
+    "back_ngan": lambda back: back.source == "sensor" and back.judged_by == "normals",
+    "back_dgan": lambda back: back.source == "body" and back.judged_by == "depth",
+}
+
+
+def test_every_ablation_is_tested() -> None:
+    files = {path.stem for path in (ROOT / "configs" / "ablations").glob("*.yaml")}
+    assert files == set(ABLATIONS)
+
+
+@pytest.mark.parametrize("ablation", ABLATIONS)
+def test_an_ablation_is_a_second_configuration(data: Path, tmp_path: Path, ablation: str) -> None:
+    name = ablation.split("_")[0]
+    run = tmp_path / "run"
+    overlay = ROOT / "configs" / "ablations" / f"{ablation}.yaml"
+    arguments = tiny(data, run, name)
+    arguments[2:2] = ["--config", overlay]
+    done = train(*arguments)
+    assert done.returncode == 0, done.stderr
+    found = checkpoint.load(run / "checkpoint.pt")
+    branch = from_record(found["config"]["branch"])
+    assert ABLATIONS[ablation](branch)
+    generator = branch.generator if isinstance(branch, Back) else branch.net
+    assert generator.width == 8  # the overlay leaves what it does not name
+
+
+@pytest.mark.parametrize("name", ["front", "back"])
+def test_the_papers_settings_stand_in_its_configurations(name: str) -> None:
+    """Section 4.1."""
+    shown = train("--config", ROOT / "configs" / f"train_{name}.yaml", "--print_config",
+                  "--data", "data", "--output", "run")  # fmt: skip
+    assert shown.returncode == 0, shown.stderr
+    settings = yaml.safe_load(shown.stdout)
+    assert settings["epochs"] == {"front": 45, "back": 25}[name]
+    assert settings["batch"] == {"front": 16, "back": 32}[name]
+    assert settings["learning_rate"] == 0.001
+    assert settings["decay"] == "none"
+    branch = settings["branch"]["init_args"]
+    if name == "front":
+        weights = {"depth": 1, "normal": 20, "vgg": 20}
+        assert {key: branch["gamma"][key] for key in weights} == weights
+        assert branch["net"]["attention"]
+        assert branch["normal_gan"] is None
+    else:
+        weights = {"depth": 10, "gan": 5, "matching": 20, "silhouette": 20, "vgg": 1}
+        assert branch["beta"] == weights
+        assert (branch["source"], branch["judged_by"]) == ("body", "normals")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (("--batch", 0), "batch: 0; give 1 to 4096"),
+        (("--branch.net.width", 12), "front.width: 12; give a multiple of 8"),
+        (("--device", "warp"), "device: warp is not to be had here"),
+        (("--precision", "float8"), "precision"),
+        (("--data", "nowhere"), "nowhere"),
+        (("--workers", -1), "workers: -1"),
+        (
+            ("--views.size", "[16, 16]", *JUDGED),
+            "views.size: (16, 16); this",
+        ),
+    ],
+)
+def test_a_wrong_call_is_told_in_one_line(
+    data: Path, tmp_path: Path, wrong: tuple[str, object], said: str
+) -> None:
+    done = train(*tiny(data, tmp_path / "run"), *wrong)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "run").exists()
