@@ -105,7 +105,7 @@ class Front(Branch):
         self, network: nn.Module, batch: Sample, span: DepthRange
     ) -> tuple[Tensor, Tensor | None]:
         depth = _normalised(batch.sensor, batch.mask, span)
-        return network(2 * batch.rgb - 1, depth, batch.mask), None
+        return network(2 * batch.rgb - 1, depth, batch.valid, batch.mask), None
 
     def loss(
         self,

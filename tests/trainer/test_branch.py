@@ -162,12 +162,13 @@ def test_attention_is_where_the_table_has_it(learner: Learner) -> None:
 def test_the_fronts_network_sees_colour_and_the_sensors_depth(
     learner: Learner, batch: Sample
 ) -> None:
-    ((rgb, depth, mask),) = seen_by(learner, "generator", batch)
+    ((rgb, depth, valid, mask),) = seen_by(learner, "generator", batch)
     torch.testing.assert_close(rgb, 2 * batch.rgb - 1)
     inside = learner.span.normalised(batch.sensor[batch.mask])
     torch.testing.assert_close(depth[batch.mask], inside)
     assert (depth[~batch.mask] == FAR).all()
     assert torch.equal(mask, batch.mask)
+    assert torch.equal(valid, batch.valid)
 
 
 @pytest.mark.parametrize("learner", TABLE_4, indirect=True)

@@ -55,6 +55,8 @@ class FrontNetConfig:
 class FrontNet(nn.Module):
     """Colour and noisy front depth to denoised front depth, at any size from one pixel.
 
+    It is told where the depth is a reading, and where a hole that was filled in from its row.
+
     A U-Net of four encoder layers, which halve the grid each, and four decoder layers. Beside the
     depth it is given the depth's detail, what the depth differs by from the means of its
     surroundings. It predicts, at every pixel, how much of each of these differences is noise, and a
@@ -62,7 +64,7 @@ class FrontNet(nn.Module):
     depth it is given. To find the noise is its task; to repeat the noise, in order to take it away,
     no convolution has to learn.
 
-    Parameters: 2,544,612 at width 32, 638,708 at 16; without attention 2,273,764 and 570,868.
+    Parameters: 2,545,412 at width 32, 639,108 at 16; without attention 2,274,564 and 571,268.
 
     Source: "Fine Back Surfaces Oriented Human Reconstruction for Single RGB-D Images", section 3.3,
     Figure 3. The widths, the layers' convolutions and the shares and the correction in place of the
@@ -74,19 +76,20 @@ class FrontNet(nn.Module):
         channels = [config.width * factor for factor in (1, 2, 4, 8)]
         self.detailed = config.detail
         details = len(WINDOWS) if config.detail else 0
-        inputs = 4 + details
+        inputs = 5 + details
         self.encoder = Encoder(inputs, channels)
         self.attention = CrossAttention(channels[3], channels[2]) if config.attention else None
         deepest = channels[3] if self.attention is None else self.attention.channels
         self.decoder = Decoder(deepest, inputs, channels, 1 + details)
         initialise(self)
 
-    def forward(self, rgb: Tensor, depth: Tensor, mask: Tensor) -> Tensor:
+    def forward(self, rgb: Tensor, depth: Tensor, valid: Tensor, mask: Tensor) -> Tensor:
         """Denoised depth, (B, 1, H, W), in the units of `depth` and not clipped.
 
         Args:
             rgb: (B, 3, H, W) colour, about -1 to 1.
             depth: (B, 1, H, W) noisy depth, normalised to [-1, 1].
+            valid: (B, 1, H, W) bool, where the depth is the sensor's own and not filled in.
             mask: (B, 1, H, W) bool, the silhouette.
 
         Raises:
@@ -94,8 +97,9 @@ class FrontNet(nn.Module):
         """
         check_maps("rgb", rgb, 3)
         check_maps("depth", depth, 1)
+        check_maps("valid", valid, 1)
         check_maps("mask", mask, 1)
-        maps = torch.cat([rgb, depth], dim=1)
+        maps = torch.cat([rgb, depth, 2.0 * valid - 1], dim=1)
         if self.detailed:
             differences = detail(depth, mask)
             maps = torch.cat([maps, (differences / SCALE).clamp(-LIMIT, LIMIT)], dim=1)

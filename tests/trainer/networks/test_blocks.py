@@ -75,7 +75,8 @@ def test_a_sample_does_not_see_its_batch(make):
     depth = torch.randn(3, 1, 20, 24)
     batch = [depth]
     if isinstance(network, FrontNet):
-        batch = [torch.randn(3, 3, 20, 24), depth, torch.ones_like(depth, dtype=torch.bool)]
+        mask = torch.ones_like(depth, dtype=torch.bool)
+        batch = [torch.randn(3, 3, 20, 24), depth, mask, mask]
     whole = network(*batch)
     alone = network(*(maps[1:2] for maps in batch))
     first = whole if isinstance(whole, torch.Tensor) else whole[0]

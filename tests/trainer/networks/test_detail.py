@@ -85,7 +85,7 @@ def test_the_network_sees_a_step_cut_at_the_limit(sign):
     depth = plane(32, 32)
     depth[..., 16:] += sign
     (seen,) = inputs_of(depth)
-    differences = seen[4:]
+    differences = seen[5:]
     assert differences.shape[0] == len(WINDOWS)
     assert (differences[:, :, 16] == sign * LIMIT).all()
     assert (differences[:, :, 15] == -sign * LIMIT).all()
@@ -139,7 +139,7 @@ def inputs_of(*depths, half=False):
     network.encoder.register_forward_pre_hook(lambda _, given: seen.append(given[0][0]))
     with torch.no_grad(), torch.autocast("cpu", torch.bfloat16, enabled=half):
         for depth in depths:
-            network(torch.zeros(1, 3, *depth.shape[-2:]), depth, whole(depth))
+            network(torch.zeros(1, 3, *depth.shape[-2:]), depth, *(2 * [whole(depth)]))
     return seen
 
 
@@ -151,6 +151,6 @@ def test_half_precision_keeps_in_detail_what_it_loses_of_depth():
     # The convolutions' own cast.
     before, after = (maps.bfloat16()[:, 16, 16] for maps in inputs_of(depth, moved, half=True))
     assert after[3] == before[3]
-    for channel, window in enumerate(WINDOWS, start=4):
+    for channel, window in enumerate(WINDOWS, start=5):
         change = (after[channel] - before[channel]).item()
         assert change == pytest.approx(0.001 / SCALE * (1 - 1 / window**2), rel=0.01)

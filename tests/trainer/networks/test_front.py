@@ -19,7 +19,7 @@ def images(height, width, batch=1):
 def test_untrained_it_returns_its_depth_at_any_size(size, attention, detail):
     rgb, depth, mask = images(*size)
     with torch.no_grad():
-        result = FrontNet(FrontNetConfig(8, attention, detail))(rgb, depth, mask)
+        result = FrontNet(FrontNetConfig(8, attention, detail))(rgb, depth, mask, mask)
     assert result.shape == depth.shape
     assert torch.equal(result, depth)
 
@@ -32,7 +32,7 @@ def test_gradients_reach_every_parameter(attention, detail):
     rgb, depth, mask = images(37, 53, batch=2)
     for _ in range(2):  # the last convolution is zero before the first step and lets nothing pass
         optimizer.zero_grad()
-        (network(rgb, depth, mask) - rgb[:, :1]).square().mean().backward()
+        (network(rgb, depth, mask, mask) - rgb[:, :1]).square().mean().backward()
         optimizer.step()
     still = [name for name, weight in network.named_parameters() if not weight.grad.any()]
     assert not still
@@ -46,8 +46,8 @@ def test_a_few_steps_learn_to_shift_depth_where_colour_says_so():
     depth = torch.full_like(depth, 0.2)
     wanted = depth + 0.03 * (rgb[:, :1] > 0)
     losses = []
-    for _ in range(60):
-        loss = (network(rgb, depth, mask) - wanted).abs().mean()
+    for _ in range(90):
+        loss = (network(rgb, depth, mask, mask) - wanted).abs().mean()
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
@@ -62,7 +62,7 @@ def test_an_output_of_one_takes_a_window_s_whole_difference_away():
         network = FrontNet(FrontNetConfig(8))
         network.decoder.head.bias.data[1 + window] = 1
         with torch.no_grad():
-            found = network(rgb, depth, mask)[0, 0, 4, 4]
+            found = network(rgb, depth, mask, mask)[0, 0, 4, 4]
         torch.testing.assert_close(found, mean)
     assert FrontNet(FrontNetConfig(8, detail=False)).decoder.head.out_channels == 1
 
@@ -76,9 +76,9 @@ def test_a_correction_is_local_or_global_as_attention_says():
         _without_norms(network)
         rgb, depth, mask = images(16, 528)
         with torch.no_grad():
-            before = network(rgb, depth, mask)[..., 520:]
+            before = network(rgb, depth, mask, mask)[..., 520:]
             rgb[..., :8] += 1
-            change = (network(rgb, depth, mask)[..., 520:] - before).abs().max()
+            change = (network(rgb, depth, mask, mask)[..., 520:] - before).abs().max()
         assert bool(change > 0) is attention
 
 
@@ -99,11 +99,13 @@ def test_images_of_another_shape_are_refused():
     network = FrontNet(FrontNetConfig(8))
     rgb, depth, mask = images(16, 16)
     with pytest.raises(ValueError, match=r"^rgb: shape"):
-        network(depth, depth, mask)
+        network(depth, depth, mask, mask)
     with pytest.raises(ValueError, match=r"^depth: shape"):
-        network(rgb, depth[0], mask)
+        network(rgb, depth[0], mask, mask)
+    with pytest.raises(ValueError, match=r"^valid: shape"):
+        network(rgb, depth, mask[:, 0], mask)
     with pytest.raises(ValueError, match=r"^mask: shape"):
-        network(rgb, depth, mask[:, 0])
+        network(rgb, depth, mask, mask[:, 0])
 
 
 def test_a_small_one_is_quick_without_a_gpu():
@@ -114,6 +116,6 @@ def test_a_small_one_is_quick_without_a_gpu():
     with torch.no_grad():
         for _ in range(3):
             start = time.process_time()
-            network(rgb, depth, mask)
+            network(rgb, depth, mask, mask)
             times.append(time.process_time() - start)
     assert min(times) < 0.5
