@@ -197,9 +197,7 @@ def _suggestion(message: str, parser: ArgumentParser) -> str:
     key = message.partition(":")[0]
     key = key.removeprefix("--").removesuffix(".help")
     if "is no known class" in message:
-        from engine.config import CHOICES
-
-        return f"; known: {', '.join(kind.__name__ for kind in CHOICES[key])}"
+        return f"; known: {', '.join(kind.__name__ for kind in _choices(key))}"
     if key in {action.dest for action in parser._actions}:
         default = parser.get_default(key)
         if isinstance(default, (int, float, str)):
@@ -242,16 +240,28 @@ def _options(kind: type, prefix: str) -> Iterator[str]:
             yield from _options(kinds[field.name], name)
 
 
+def _choices(key: str) -> tuple[type, ...]:
+    """The classes that an option may name."""
+    if key == "branch":
+        from trainer.branch import Back, Front
+
+        return Front, Back
+    from engine.config import CHOICES
+
+    return CHOICES[key]
+
+
 def _faulty_config(parser: ArgumentParser | None, given: list[str]) -> str | None:
-    """The configuration file, where it is wrong by itself, whatever else the call says."""
+    """The configuration file, where it is wrong after those before it, whatever else is said."""
     named = [after for word, after in pairwise(given) if word == "--config"]
     named += [word.removeprefix("--config=") for word in given if word.startswith("--config=")]
     if parser is None:
         return None
     folders = [f"--{a.dest}=." for a in parser._actions if a.required]
-    for name in named:
+    for count, name in enumerate(named, start=1):
+        files = [word for before in named[:count] for word in ("--config", before)]
         try:
-            made = parser.instantiate(parser.parse_args(["--config", name, *folders]))
+            made = parser.instantiate(parser.parse_args([*files, *folders]))
             if given[0] == "sweep":
                 _sweep_config(made)
         except (argparse.ArgumentError, ValueError):

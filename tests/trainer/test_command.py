@@ -174,6 +174,15 @@ def test_an_ablation_is_a_second_configuration(data: Path, tmp_path: Path, ablat
     assert generator.width == 8  # the overlay leaves what it does not name
 
 
+def test_an_overlay_is_not_blamed_for_the_rest_of_the_call(data: Path, tmp_path: Path) -> None:
+    overlay = ROOT / "configs" / "ablations" / "back_dgan.yaml"
+    arguments = tiny(data, tmp_path / "run", "back", epochs=0)
+    arguments[2:2] = ["--config", overlay]
+    done = train(*arguments)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: epochs: 0; give 1 to 1000000")
+
+
 @pytest.mark.parametrize("name", ["front", "back"])
 def test_the_papers_settings_stand_in_its_configurations(name: str) -> None:
     """Section 4.1."""
