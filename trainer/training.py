@@ -118,12 +118,13 @@ class Training:
         views = config.views
         self.train_views = Views(data, "train", views, varied=True, seed=config.seed)
         self.test_views = Views(data, "test", views, varied=False, seed=config.seed)
-        bare = [*self.train_views.without_body(), *self.test_views.without_body()]
-        if bare and config.branch.needs_body:
-            raise ValueError(
-                f"{data}: {bare[0]} has no body to refine, nor have {len(bare) - 1} more; build it "
-                "with fits, or give branch.source sensor"
-            )
+        if config.branch.needs_body:
+            bare = [*self.train_views.without_body(), *self.test_views.without_body()]
+            if bare:
+                raise ValueError(
+                    f"{data}: {bare[0]} has no body to refine, nor have {len(bare) - 1} more; "
+                    "build it with fits, or give branch.source sensor"
+                )
         # Whole people are measured, however small the crops are that are learned from.
         rows, columns = map(max, self.test_views.extent(), views.size)
         self.test_views.resize((rows, columns))
