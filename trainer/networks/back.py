@@ -6,13 +6,7 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from trainer.networks.blocks import (
-    Decoder,
-    Encoder,
-    check_maps,
-    check_width,
-    initialise,
-)
+from trainer.networks.blocks import Decoder, Encoder, check_maps, check_width, initialise
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from trainer.networks.attention import CrossAttention
-from trainer.networks.blocks import (
-    Decoder,
-    Encoder,
-    check_maps,
-    check_width,
-    initialise,
-)
+from trainer.networks.blocks import Decoder, Encoder, check_maps, check_width, initialise
 from trainer.networks.detail import WINDOWS, detail
 
 CORRECTION = 0.02
