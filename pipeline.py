@@ -397,7 +397,9 @@ def _add_train(parser: ArgumentParser) -> None:
 def _train(parser: ArgumentParser, parsed: Any) -> int:
     """Train one branch on a dataset's shards, or go on where it stopped."""
     from shards.archive import ShardError
+    from shards.manifest import DatasetError
     from trainer import allocator, processes
+    from trainer.checkpoint import CheckpointError
     from trainer.errors import told
     from trainer.training import CHECKPOINT, DivergedError, TrainConfig, Training
 
@@ -416,7 +418,7 @@ def _train(parser: ArgumentParser, parsed: Any) -> int:
         figures = training.run()
         if training.is_first:
             print(f"{training.done} epochs in {folders[1] / CHECKPOINT}\ntest {told(figures)}")
-    except (DivergedError, ShardError, OSError) as error:
+    except (CheckpointError, DatasetError, DivergedError, ShardError, OSError) as error:
         # A loader's worker hands on its whole traceback as the message.
         said = str(error).splitlines()[-1].removeprefix(f"{ShardError.__module__}.ShardError: ")
         raise WrongCallError(said) from error

@@ -24,8 +24,9 @@ from scipy.ndimage import distance_transform_edt, median_filter
 from torch import Tensor
 from tqdm import tqdm
 
-from trainer.errors import angle
+from trainer.errors import means, sums
 from trainer.learner import load
+from trainer.losses import Surface
 from trainer.normals import Side, normals
 from trainer.views import Sample, Views, ViewsConfig
 
@@ -75,19 +76,21 @@ BILATERALS = [
 def measure(
     denoise: Denoise, samples: Iterable[Sample], side: Side = "front", own: bool = False
 ) -> tuple[float, float]:
-    """Mean error over the silhouettes' pixels, or the body's own of them: millimetres, degrees."""
-    sums, pixels = torch.zeros(2, dtype=torch.float64), 0
+    """Mean error over the silhouettes' pixels, or the body's own of them: millimetres, degrees.
+
+    Raises:
+        ValueError: there is none.
+    """
+    total = torch.zeros(3, dtype=torch.float64)
     for sample in samples:
-        depth = denoise(sample)
-        true = sample.front if side == "front" else sample.back
-        ours, theirs = (
-            normals(each, sample.pixel_size, sample.mask, side) for each in (depth, true)
+        found, true = (
+            Surface(depth, normals(depth, sample.pixel_size, sample.mask, side))
+            for depth in (denoise(sample), sample.front if side == "front" else sample.back)
         )
-        counted = sample.body if own else sample.mask
-        off = 1000 * (depth - true).abs()[counted].double().sum()
-        sums += torch.stack([off, angle(ours, theirs)[counted].double().sum()])
-        pixels += int(counted.sum())
-    millimetres, degrees = (sums / pixels).tolist()
+        total += sums(found, true, sample.body if own else sample.mask)
+    millimetres, degrees = means(total)
+    if millimetres is None or degrees is None:
+        raise ValueError("there is no pixel to measure")
     return millimetres, degrees
 
 

@@ -48,6 +48,7 @@ def lock_folder(folder: Path) -> IO[bytes]:
     except BlockingIOError:
         file.close()
         raise DatasetError(
-            f"{folder} is in use by another build or sweep; wait for it or choose another folder"
+            f"{folder} is in use by another build, sweep or training; wait for it or choose "
+            "another folder"
         ) from None
     return file

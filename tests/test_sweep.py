@@ -594,8 +594,8 @@ def test_a_second_sweep_of_a_folder_waits_for_nothing_and_says_so(data, swept) -
     with Sweep(config, data, swept):
         result = sweep(data, swept)
     assert result.returncode == 2
-    assert "is in use by another build or sweep" in result.stderr
+    assert "is in use by another build, sweep or training" in result.stderr
     with Sweep(config, data, swept):
         result = pipeline("build", "--config", data.parent / "config.yaml", "--output", data)
     assert result.returncode == 2
-    assert "is in use by another build or sweep" in result.stderr
+    assert "is in use by another build, sweep or training" in result.stderr

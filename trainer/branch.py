@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
-from types import NoneType, UnionType
-from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
@@ -92,6 +91,12 @@ class Front(Branch):
     normal_gan: DiscriminatorConfig | None = None
     """A discriminator of the normals, as NormalGAN has (Table 3's "U-Net+nGAN"); null for none."""
 
+    def __post_init__(self) -> None:
+        for name in ("gan", "matching"):
+            changed = getattr(self.gamma, name) != getattr(FrontWeights(), name)
+            if changed and self.normal_gan is None:
+                raise ValueError(f"gamma.{name}: nothing judges this front; give normal_gan too")
+
     def network(self) -> FrontNet:
         return FrontNet(self.net)
 
@@ -136,8 +141,16 @@ class Back(Branch):
     """What the back is made from: the body's coarse back, or colour and depth of the front as
     NormalGAN does (Table 4's "nGAN").
     """
+    silhouette: Literal["given", "predicted"] = "given"
+    """Whether the generator sees the subject's silhouette beside the body. Without it, as Eq. 5 has
+    it, it learns by L_P how far clothes and hair reach, and its depth suffers.
+    """
     judged_by: Literal["normals", "depth"] = "normals"
     """What the discriminator sees; "depth" is Table 4's "dGAN"."""
+
+    def __post_init__(self) -> None:
+        if self.source == "sensor" and self.silhouette == "predicted":
+            raise ValueError("silhouette: the sensor's depth shows it; give source body, or given")
 
     @property
     def needs_body(self) -> bool:
@@ -158,11 +171,14 @@ class Back(Branch):
         self, network: nn.Module, batch: Sample, span: DepthRange
     ) -> tuple[Tensor, Tensor | None]:
         if self.source == "body":
-            seen = _normalised(batch.coarse, batch.mask, span), 2.0 * batch.body - 1
+            depth = _normalised(batch.coarse, batch.mask, span)
+            bare = _normalised(batch.coarse, batch.body, span)
+            seen = depth if self.silhouette == "given" else bare, 2.0 * batch.body - 1
         else:
-            seen = _normalised(batch.sensor, batch.mask, span), 2 * batch.rgb - 1
-        depth, logit = network(torch.cat(seen, dim=1))
-        return depth, logit
+            depth = _normalised(batch.sensor, batch.mask, span)
+            seen = depth, 2 * batch.rgb - 1
+        found, logit = network(torch.cat(seen, dim=1), depth)
+        return found, logit
 
     def loss(
         self,
@@ -181,49 +197,6 @@ class Back(Branch):
         if self.judged_by == "normals":
             return surface.normal
         return torch.where(mask, span.normalised(surface.depth), 0)
-
-
-def to_record(branch: Branch) -> dict[str, Any]:
-    """Plain values that say what was chosen."""
-    return {"name": branch.name, **asdict(branch)}
-
-
-def from_record(record: Mapping[str, Any]) -> Branch:
-    """The branch that `to_record` described; nothing is imported, read or run by name.
-
-    Raises:
-        ValueError: it describes none.
-    """
-    if not isinstance(record, Mapping):
-        raise ValueError(f"branch: {record!r}; give keys and values")
-    chosen = {**record}
-    branches = {branch.name: branch for branch in (Front, Back)}
-    name = chosen.pop("name", None)
-    if not isinstance(name, str) or name not in branches:
-        raise ValueError(f"branch {name!r} is none of {', '.join(branches)}")
-    return _made(branches[name], chosen, name)
-
-
-def _made(kind: Any, value: Any, key: str) -> Any:
-    """What plain values describe: a dataclass, null, a choice, or a value of just this type."""
-    if get_origin(kind) is UnionType:
-        kinds = get_args(kind)
-        kind = next(k for k in kinds if (k is NoneType) == (value is None))
-    if isinstance(kind, type) and is_dataclass(kind):
-        hints = get_type_hints(kind)
-        known = {field.name: hints[field.name] for field in fields(kind)}
-        if not isinstance(value, Mapping):
-            raise ValueError(f"{key}: {value!r}; give {', '.join(known)}")
-        if unknown := [str(name) for name in value if name not in known]:
-            raise ValueError(f"{key}: no {', '.join(unknown)} there; give {', '.join(known)}")
-        return kind(**{n: _made(known[n], value[n], f"{key}.{n}") for n in value})
-    if get_origin(kind) is Literal:
-        fits = isinstance(value, str) and value in get_args(kind)
-    else:
-        fits = type(value) in ((int, float) if kind is float else (kind,))
-    if not fits:
-        raise ValueError(f"{key}: {value!r} does not fit")
-    return value
 
 
 def _normalised(depth: Tensor, mask: Tensor, span: DepthRange) -> Tensor:

@@ -2,36 +2,47 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from shards.atomic import atomic_write
+from trainer.views import DepthRange
 
 SCHEMA = 2
 
-KEYS = {"schema", "config", "range", "state", "metrics", "data"}
-"""Of a checkpoint: the configuration as JSON values, the file of VGG's weights by its SHA-256; near
-and far of the depth range in metres; state dicts by name; figures of every epoch; the dataset's
-configuration hash, subjects, and a hash of their shards."""
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Tensors, numbers, text, lists and dicts: nothing that reading would have to run."""
+
+    config: dict[str, Any]
+    """The training's configuration as JSON values, the file of VGG's weights by its SHA-256."""
+    range: DepthRange
+    """What -1 and 1 stand for."""
+    state: dict[str, dict]
+    """State dicts of networks and optimisers by name."""
+    metrics: list[dict[str, float | None]]
+    """Figures of every epoch."""
+    data: dict[str, Any]
+    """The dataset's configuration hash, its subjects, and a hash of their shards."""
 
 
 class CheckpointError(ValueError):
     """A file that is no checkpoint of this program; one line: what, where, the cure."""
 
 
-def save(path: Path, checkpoint: dict[str, Any]) -> None:
-    """Replace the file, or leave it as it was.
-
-    Args:
-        checkpoint: `KEYS` but for the schema: tensors, numbers, text, lists and dicts alone.
-    """
+def save(path: Path, checkpoint: Checkpoint) -> None:
+    """Replace the file, or leave it as it was."""
+    parts = {field.name: getattr(checkpoint, field.name) for field in fields(Checkpoint)}
     with atomic_write(path) as file:
-        torch.save({"schema": SCHEMA, **checkpoint}, file)
+        torch.save({"schema": SCHEMA, **parts, "range": list(checkpoint.range)}, file)
 
 
-def load(path: Path) -> dict[str, Any]:
+def load(path: Path) -> Checkpoint:
     """What `save` wrote, on the CPU. Nothing but tensors and plain values is read.
 
     Raises:
@@ -49,6 +60,15 @@ def load(path: Path) -> dict[str, Any]:
             f"{path} has schema {schema}, this program reads {SCHEMA}; train again, or use the "
             "program that wrote it"
         )
-    if set(found) != KEYS:
-        raise CheckpointError(f"{path} has not the keys of a checkpoint; train again")
-    return found
+    del found["schema"]
+    kinds = {"config": dict, "range": list, "state": dict, "metrics": list, "data": dict}
+    if set(found) != set(kinds):
+        raise CheckpointError(f"{path} has not the parts of a checkpoint; train again")
+    for name, kind in kinds.items():
+        if not isinstance(found[name], kind):
+            raise CheckpointError(f"{path} has a {name} that is no {kind.__name__}; train again")
+    depths = found.pop("range")
+    numbers = len(depths) == 2 and all(isinstance(value, float) for value in depths)
+    if not numbers or not 0 <= depths[0] < depths[1] < math.inf:
+        raise CheckpointError(f"{path} has {depths} for a range of depth; train again")
+    return Checkpoint(range=DepthRange(*depths), **found)

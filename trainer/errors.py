@@ -31,16 +31,16 @@ def errors(
         views that gave something (a back without a body has nothing coarse); the ratios
         "depth_ratio" and "normal_ratio".
     """
-    sums = torch.zeros(2, 3, dtype=torch.float64, device=learner.device)
+    both = torch.zeros(2, 3, dtype=torch.float64, device=learner.device)
     with torch.no_grad():
         for batch in batches:
             true = learner.surface(learner.branch.true(batch), batch)
-            sums[0] += _off(learner.surface(learner.predict(batch), batch), true, batch.mask)
+            both[0] += sums(learner.surface(learner.predict(batch), batch), true, batch.mask)
             if known is None:
                 depth = learner.branch.given(batch)
                 gave = batch.mask & (depth > 0).any(dim=(1, 2, 3), keepdim=True)
-                sums[1] += _off(learner.surface(depth, batch), true, gave)
-    (depth_mm, normal_deg), (given_mm, given_deg) = map(_means, processes.total(sums).tolist())
+                both[1] += sums(learner.surface(depth, batch), true, gave)
+    (depth_mm, normal_deg), (given_mm, given_deg) = map(means, processes.total(both))
     if known is not None:
         given_mm, given_deg = known["given_mm"], known["given_deg"]
     return {
@@ -72,15 +72,16 @@ def angle(normal: torch.Tensor, true: torch.Tensor) -> torch.Tensor:
     return torch.rad2deg(2 * torch.asin((chord / 2).clamp(max=1)))
 
 
-def _off(found: Surface, true: Surface, mask: torch.Tensor) -> torch.Tensor:
-    """Sums over the mask: pixels, millimetres, degrees."""
+def sums(found: Surface, true: Surface, mask: torch.Tensor) -> torch.Tensor:
+    """(3,) float64, what `means` divides: the mask's pixels, millimetres and degrees over them."""
     depth = torch.where(mask, 1000 * (found.depth - true.depth).abs(), 0)
     turned = torch.where(mask, angle(found.normal, true.normal), 0)
     return torch.stack([part.double().sum() for part in (mask, depth, turned)])
 
 
-def _means(sums: list[float]) -> tuple[float | None, float | None]:
-    pixels, millimetres, degrees = sums
+def means(total: torch.Tensor) -> tuple[float | None, float | None]:
+    """Millimetres and degrees per pixel, of some `sums` added up; None of no pixels."""
+    pixels, millimetres, degrees = total.tolist()
     return (millimetres / pixels, degrees / pixels) if pixels else (None, None)
 
 

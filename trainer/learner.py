@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,10 +14,11 @@ from torch.nn.parallel import DistributedDataParallel
 from torch.optim import Adam, Optimizer
 
 from trainer import checkpoint, losses, processes
-from trainer.branch import Branch, from_record
+from trainer.branch import Branch
 from trainer.checkpoint import CheckpointError
 from trainer.losses import Features, Surface, Terms
 from trainer.normals import normals
+from trainer.record import from_record
 from trainer.views import DepthRange, Sample
 
 Precision = Literal["float32", "bfloat16"]
@@ -160,18 +160,14 @@ def load(path: Path | str, device: torch.device | str = "cpu") -> Learner:
     """
     found = checkpoint.load(Path(path))
     try:
-        config = found["config"]
-        near, far = map(float, found["range"])
-        if not 0 <= near < far < math.inf:
-            raise ValueError(f"range: {near} to {far}")
         learner = Learner(
-            from_record(config["branch"]),
-            DepthRange(near, far),
-            1e-3,
+            from_record(found.config["branch"]),
+            found.range,
+            found.config["learning_rate"],
             device=device,
-            precision=config["precision"],
+            precision=found.config["precision"],
         )
-        learner.load_state(found["state"])
+        learner.load_state(found.state)
     except (ValueError, TypeError, KeyError) as error:
         raise CheckpointError(f"{path} cannot be used: {error}; train again") from None
     return learner

@@ -7,6 +7,8 @@ import json
 import math
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -20,15 +22,17 @@ from tqdm import tqdm
 import seeds
 from shards.atomic import atomic_write, is_temporary, remove_temporary_files
 from shards.checksum import file_sha256
+from shards.lock import LOCK, hold_folder, lock_folder
 from shards.manifest import differences
 from trainer import checkpoint, processes
-from trainer.branch import Branch, Front, to_record
-from trainer.checkpoint import CheckpointError
+from trainer.branch import Branch, Front
+from trainer.checkpoint import Checkpoint, CheckpointError
 from trainer.errors import Figures, errors, told
 from trainer.learner import Learner, Precision
 from trainer.networks import vgg
 from trainer.pictures import picture
-from trainer.views import DepthRange, Sample, Views, ViewsConfig
+from trainer.record import to_record
+from trainer.views import Sample, Views, ViewsConfig
 
 CHECKPOINT, HISTORY, PICTURE, BOARD = "checkpoint.pt", "history.jsonl", "test.png", "tensorboard"
 
@@ -131,7 +135,7 @@ class Training:
         self.data = _identity(self.train_views, self.test_views)
         self.history: list[Figures] = []
         found = self._found()
-        span = DepthRange(*found["range"]) if found else self.train_views.depth_range()
+        span = found.range if found else self.train_views.depth_range()
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             self.learner = Learner(
@@ -150,12 +154,12 @@ class Training:
             )
         if found:
             try:
-                self.learner.load_state(found["state"])
+                self.learner.load_state(found.state)
             except ValueError as error:
                 raise CheckpointError(
                     f"{output / CHECKPOINT} cannot be used: {error}; train again"
                 ) from None
-            self.history = list(found["metrics"])
+            self.history = list(found.metrics)
         self._make_loaders()
 
     @property
@@ -169,11 +173,19 @@ class Training:
         return len(self.history)
 
     def run(self) -> Figures:
-        """Train to the last epoch; the figures of the last."""
-        if self.is_first:
-            self._greet()
+        """Train to the last epoch; the figures of the last.
+
+        Raises:
+            DatasetError: a build is writing the dataset, or another training is in this folder.
+            DivergedError: a loss is no number any more.
+        """
+        with self._locked() if self.is_first else nullcontext():
+            return self._learn()
+
+    def _learn(self) -> Figures:
         board = None
         if self.is_first:
+            self._greet()
             board = SummaryWriter(self.output / BOARD, purge_step=self.done)
         start = time.monotonic()
         begun = self.done
@@ -198,8 +210,8 @@ class Training:
             left = each * (self.config.epochs - self.done)
             print(
                 f"  epoch {self.done}/{self.config.epochs}: test {told(figures)}; "
-                f"{figures['seconds']:.0f} s, {figures['waiting']:.0%} of it waiting for data; "
-                f"{_duration(left)} left",
+                f"{figures['seconds']:.0f} s, {figures['waiting']:.0%} of it waiting for data, and "
+                f"{figures['test_seconds']:.0f} s to test; {_duration(left)} left",
                 file=sys.stderr,
                 flush=True,
             )
@@ -207,8 +219,20 @@ class Training:
             board.close()
         return self.history[-1]
 
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        """Keep builds out of the dataset, and other trainings out of this folder."""
+        with hold_folder(self.train_views.dataset.folder) or nullcontext():
+            self.output.mkdir(parents=True, exist_ok=True)
+            with lock_folder(self.output):
+                stands = self._found()
+                if (len(stands.metrics) if stands else 0) != self.done:
+                    raise CheckpointError(
+                        f"{self.output}: another training went on here meanwhile; start again"
+                    )
+                yield
+
     def _greet(self) -> None:
-        self.output.mkdir(parents=True, exist_ok=True)
         remove_temporary_files(self.output)
         weights = sum(p.numel() for p in self.learner.networks["generator"].parameters())
         print(
@@ -256,7 +280,12 @@ class Training:
             )
         known = self.history[-1] if self.history else None
         found = errors(self.learner, map(self._moved, self._test_loader), known)
-        return {**terms, **found, "seconds": elapsed, "waiting": waiting / elapsed}
+        times = {
+            "seconds": elapsed,
+            "waiting": waiting / elapsed,
+            "test_seconds": time.monotonic() - start - elapsed,
+        }
+        return {**terms, **found, **times}
 
     def _rate(self, step: int, steps_per_epoch: int) -> float:
         rate = self.config.learning_rate
@@ -287,12 +316,12 @@ class Training:
     def _moved(self, batch: Sample) -> Sample:
         return Sample(*(part.to(self.device, non_blocking=True) for part in batch))
 
-    def _found(self) -> dict[str, Any] | None:
+    def _found(self) -> Checkpoint | None:
         """The checkpoint that stands, if there is one."""
         path = self.output / CHECKPOINT
         if not path.exists():
             others = set(self.output.iterdir()) if self.output.exists() else set()
-            others -= {self.output / name for name in (BOARD, HISTORY, PICTURE)}
+            others -= {self.output / name for name in (BOARD, HISTORY, PICTURE, LOCK)}
             if not all(map(is_temporary, others)):
                 raise ValueError(
                     f"{self.output} is not empty and holds no {CHECKPOINT}; choose a new folder"
@@ -303,28 +332,25 @@ class Training:
         free = {"epochs"} if self.config.decay == "none" else set()
         there, here = (
             {key: value for key, value in config.items() if key not in free}
-            for config in (found["config"], self.record)
+            for config in (found.config, self.record)
         )
         if there != here:
             raise CheckpointError(
                 f"{path} is of another configuration ({differences(there, here)}); "
                 "choose another folder"
             )
-        if found["data"] != self.data:
+        if found.data != self.data:
             raise CheckpointError(f"{path} learned from another dataset; choose another folder")
+        if len(found.metrics) > self.config.epochs:
+            raise ValueError(
+                f"epochs: {self.config.epochs}, but {path} has {len(found.metrics)} behind it; "
+                "give as many or more, or choose another folder"
+            )
         return found
 
     def _save(self) -> None:
-        checkpoint.save(
-            self.output / CHECKPOINT,
-            {
-                "config": self.record,
-                "range": list(self.learner.span),
-                "state": self.learner.state(),
-                "metrics": self.history,
-                "data": self.data,
-            },
-        )
+        parts = self.record, self.learner.span, self.learner.state(), self.history, self.data
+        checkpoint.save(self.output / CHECKPOINT, Checkpoint(*parts))
 
 
 def _device(name: str) -> torch.device:

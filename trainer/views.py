@@ -162,13 +162,20 @@ class Views(TorchDataset):
         return self.subjects[number], view
 
     def depth_range(self) -> DepthRange:
-        """Of the first view of every subject, and a margin."""
+        """Of the first view of every subject, and a margin.
+
+        Raises:
+            ValueError: none of them shows anything.
+        """
         near, far = np.inf, -np.inf
         for shard in self._shards:
             mask = shard["mask"][0]
-            near = min(near, float(shard["depth_front"][0][mask].min()))
-            far = max(far, float(shard["depth_back"][0][mask].max()))
+            near = shard["depth_front"][0].min(where=mask, initial=near)
+            far = shard["depth_back"][0].max(where=mask, initial=far)
             shard.close()
+        if not near < far:
+            raise ValueError(f"{self.dataset.folder}: the first views of all subjects are empty")
+        near, far = float(near), float(far)
         return DepthRange(round(near - RANGE_MARGIN, 3), round(far + RANGE_MARGIN, 3))
 
     def without_body(self) -> list[str]:

@@ -257,7 +257,8 @@ def start_holder(folder):
 
 
 def test_a_second_process_may_not_write(whole, open_writer):
-    busy = f"{whole} is in use by another build or sweep; wait for it or choose another folder"
+    users = "another build, sweep or training"
+    busy = f"{whole} is in use by {users}; wait for it or choose another folder"
     writer = open_writer()
     with start_holder(whole) as other:
         assert other.communicate()[0] == busy + "\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,8 +19,9 @@ from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from trainer import checkpoint
-from trainer.branch import Back, from_record
+from trainer.branch import Back
 from trainer.networks.vgg import VGG19
+from trainer.record import from_record
 
 ROOT = Path(__file__).parents[2]
 FRONT, BACK = (ROOT / "configs" / f"train_{name}_cpu.yaml" for name in ("front", "back"))
@@ -61,17 +63,17 @@ def test_it_trains_shows_and_keeps_what_it_says(data: Path, tmp_path: Path, name
     assert f"{name}: 8 views of 4 subjects to learn from, 2 of 1 to test" in done.stderr
     assert "no vgg file: the VGG19 term (Eq. 9) is off" in done.stderr
     assert "epoch 2/2: test depth off by " in done.stderr
-    assert "of it waiting for data; 0 s left" in done.stderr
+    assert re.search(r"% of it waiting for data, and \d+ s to test; 0 s left$", done.stderr, re.M)
     figures = [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
     assert len(figures) == 2
     assert f"test depth off by {figures[1]['depth_mm']:.2f} mm of " in done.stdout
     found = checkpoint.load(run / "checkpoint.pt")
-    assert found["metrics"] == figures
-    assert found["config"]["vgg"] is None
-    assert from_record(found["config"]["branch"]).name == name
-    assert len(found["data"]["shards_sha256"]) == 64
+    assert found.metrics == figures
+    assert found.config["vgg"] is None
+    assert from_record(found.config["branch"]).name == name
+    assert len(found.data["shards_sha256"]) == 64
     assert {path.name for path in run.iterdir()} == {
-        *("checkpoint.pt", "history.jsonl", "tensorboard", "test.png")
+        *("checkpoint.pt", "history.jsonl", "tensorboard", "test.png", ".lock")
     }
     board = EventAccumulator(str(run / "tensorboard"))
     board.Reload()
@@ -114,10 +116,48 @@ def test_an_interrupted_training_goes_on_to_the_same_bits(data: Path, tmp_path: 
         assert "Traceback" not in said
     assert codes[0] == 130
     assert start(arguments[1]).wait(300) == 0
-    first, second = (checkpoint.load(run / "checkpoint.pt")["state"] for run in (whole, parts))
-    for name, network in first.items():
-        if not name.endswith("_adam"):
-            assert all(torch.equal(value, second[name][key]) for key, value in network.items())
+    first, second = (checkpoint.load(run / "checkpoint.pt").state for run in (whole, parts))
+    assert set(first) == set(second) == {"generator", "generator_adam"}
+    for key, value in first["generator"].items():
+        assert torch.equal(value, second["generator"][key]), key
+    ours, theirs = (state["generator_adam"]["state"] for state in (first, second))
+    assert set(ours) == set(theirs)
+    for number, moments in ours.items():
+        assert moments["step"] == 6 * 2
+        assert all(torch.equal(value, theirs[number][key]) for key, value in moments.items())
+
+
+def test_ctrl_c_in_a_terminal_leaves_no_process_and_says_little(data: Path, tmp_path: Path) -> None:
+    """A terminal sends it to the loader's workers too."""
+    run = tmp_path / "run"
+    arguments = tiny(data, run, epochs=500)
+    arguments[arguments.index("--workers") + 1] = 2
+    process = subprocess.Popen(
+        command(*arguments), stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    deadline = time.monotonic() + 200
+    while _epochs(run) < 2:
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    said = process.communicate(timeout=30)[1]
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert "Exception" not in said
+    deadline = time.monotonic() + 10
+    while _is_there(process.pid):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    assert len(checkpoint.load(run / "checkpoint.pt").metrics) >= 2
+
+
+def _is_there(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 def _epochs(run: Path) -> int:
@@ -168,7 +208,7 @@ def test_an_ablation_is_a_second_configuration(data: Path, tmp_path: Path, ablat
     done = train(*arguments)
     assert done.returncode == 0, done.stderr
     found = checkpoint.load(run / "checkpoint.pt")
-    branch = from_record(found["config"]["branch"])
+    branch = from_record(found.config["branch"])
     assert ABLATIONS[ablation](branch)
     generator = branch.generator if isinstance(branch, Back) else branch.net
     assert generator.width == 8  # the overlay leaves what it does not name

@@ -10,9 +10,10 @@ import torch
 
 from seeds import generator
 from trainer.branch import Back, Branch, Front
-from trainer.errors import angle, errors
+from trainer.errors import angle, errors, means, sums
 from trainer.errors import told as figures_told
 from trainer.learner import Learner
+from trainer.losses import Surface
 from trainer.networks.back import BackNetConfig
 from trainer.networks.discriminator import DiscriminatorConfig
 from trainer.networks.front import FrontNetConfig
@@ -207,6 +208,22 @@ def test_an_untrained_front_is_as_far_off_as_what_it_is_given() -> None:
     found = errors(learner(FRONT), batches())
     assert found["depth_ratio"] == pytest.approx(1, abs=1e-3)
     assert found["normal_ratio"] == pytest.approx(1, abs=1e-3)
+
+
+def test_sums_of_two_masks_add_up_and_nothing_outside_counts() -> None:
+    one = batch(*SIZES[1])
+    made = learner(FRONT)
+    found, true = made.surface(one.sensor, one), made.surface(one.front, one)
+    half = one.mask.clone()
+    half[..., : half.shape[3] // 2] = False
+    whole, right, left = (sums(found, true, part) for part in (one.mask, half, one.mask & ~half))
+    assert right[0] == half.sum() > 0
+    torch.testing.assert_close(right + left, whole)
+    off = 1000 * (one.sensor - one.front).abs()[half].mean()
+    assert means(right)[0] == pytest.approx(float(off), rel=1e-5)
+    lost = Surface(torch.where(half, found.depth, torch.nan), found.normal)
+    assert torch.equal(sums(lost, true, half), right)
+    assert means(torch.zeros(3)) == (None, None)
 
 
 def test_no_views_are_no_error() -> None:

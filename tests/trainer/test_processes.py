@@ -19,7 +19,9 @@ from typing import Any
 import pytest
 import torch
 from torch import Tensor, distributed
+from torch.optim import SGD, Adam
 
+from shards.lock import LOCK
 from trainer import checkpoint, processes
 from trainer.branch import Back, Branch, Front
 from trainer.learner import Learner
@@ -43,6 +45,8 @@ BRANCHES: dict[str, Branch] = {
 SPAN = DepthRange(1.6, 2.4)
 BEFORE, STEPS = 3, 4
 """Steps of one process before the comparison, so that no weight is still 0; steps compared."""
+RATE = 1e-5
+"""Of the steps compared."""
 
 every_branch = pytest.mark.parametrize("name", BRANCHES)
 
@@ -101,7 +105,13 @@ def learn(
     learner: Learner, state: dict[str, dict], batch: Sample
 ) -> tuple[dict[str, list[Tensor]], dict[str, list[Tensor]], dict[str, Tensor]]:
     """From a state: the first step's gradients, the weights after all steps, the first terms."""
+    learner.optimizers = {n: Adam(net.parameters()) for n, net in learner.networks.items()}
     learner.load_state(copy.deepcopy(state))
+    # Adam moves a weight as far for a gradient that is rounding alone as for any other: what is
+    # left of that after some steps says nothing of how well the processes agree.
+    learner.optimizers = {
+        name: SGD(network.parameters(), lr=RATE) for name, network in learner.networks.items()
+    }
     terms = learner.step(batch)
     first = gradients(learner)
     for _ in range(STEPS - 1):
@@ -294,8 +304,7 @@ def test_weights_stay_equal_and_near_those_of_one_process(
     together: list[dict[str, Any]],
     name: str,
 ) -> None:
-    alone[name].load_state(copy.deepcopy(states[name]))
-    start = weights(alone[name])
+    start = {network: list(states[name][network].values()) for network in alone[name].networks}
     _, expected, _ = learn(alone[name], states[name], whole_batch())
     first, second = (found[name][1] for found in together)
     for network, ours in expected.items():
@@ -305,9 +314,7 @@ def test_weights_stay_equal_and_near_those_of_one_process(
             for other in (start[network], first[network])
         )
         assert went.norm() > 0
-        # Adam moves a weight as far for a gradient that is rounding alone as for any other: that
-        # gradients agree to 1e-5 is shown above, here that nothing drifts off.
-        assert apart.norm() < 5e-2 * went.norm(), network
+        assert apart.norm() < 1e-3 * went.norm(), network
 
 
 # The real command, on the ellipsoids.
@@ -331,7 +338,7 @@ views:
 epochs: 2
 batch: 4
 """
-TIMES = {"seconds", "waiting"}
+TIMES = {"seconds", "waiting", "test_seconds"}
 
 
 def train(data: Path, run: Path, **changes: object) -> subprocess.CompletedProcess[str]:
@@ -370,16 +377,16 @@ def test_the_command_trains_in_two_processes_as_in_one_which_can_go_on_with_it(
     run = tmp_path / "run"
     done = train(data, run)
     assert done.returncode == 0, done.stderr
-    assert {path.name for path in run.iterdir()} == {CHECKPOINT, HISTORY, PICTURE, BOARD}
+    assert {path.name for path in run.iterdir()} == {*(CHECKPOINT, HISTORY, PICTURE, BOARD, LOCK)}
     assert len(list((run / BOARD).iterdir())) == 1  # written by one of them
     found = checkpoint.load(run / CHECKPOINT)
-    assert len(found["metrics"]) == 2
+    assert len(found.metrics) == 2
     assert_near(history(run), by_one)
     assert by_one[1]["loss_normal"] < by_one[0]["loss_normal"]
     # Said once, by the first.
     result, figures = done.stdout.splitlines()
     assert result == f"2 epochs in {run / CHECKPOINT}"
-    assert figures.startswith(f"test depth off by {found['metrics'][1]['depth_mm']:.2f} mm")
+    assert figures.startswith(f"test depth off by {found.metrics[1]['depth_mm']:.2f} mm")
     assert len(re.findall(r"^front: 8 views .* 2 x cpu", done.stderr, re.MULTILINE)) == 1
     assert len(re.findall(r"^ +epoch \d/2:", done.stderr, re.MULTILINE)) == 2
     assert "Warning" not in done.stderr

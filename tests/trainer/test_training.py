@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,8 @@ import torch
 
 from shards.archive import write_shard
 from shards.dataset import Dataset, DatasetWriter
+from shards.lock import LOCK, lock_folder
+from shards.manifest import DatasetError
 from trainer import checkpoint
 from trainer.branch import Back, Branch, Front
 from trainer.checkpoint import CheckpointError
@@ -74,7 +77,7 @@ def test_interrupted_and_resumed_equals_uninterrupted_to_the_bit(
     assert rest.done == 2
     rest.run()
     whole, parts = (checkpoint.load(tmp_path / n / CHECKPOINT) for n in ("whole", "parts"))
-    assert len(whole["metrics"]) == len(parts["metrics"]) == 4
+    assert len(whole.metrics) == len(parts.metrics) == 4
 
     def tensors(value: object) -> list[torch.Tensor]:
         if isinstance(value, torch.Tensor):
@@ -82,11 +85,11 @@ def test_interrupted_and_resumed_equals_uninterrupted_to_the_bit(
         parts = value.values() if isinstance(value, dict) else value
         return [t for p in parts for t in tensors(p)] if isinstance(value, (dict, list)) else []
 
-    pairs = list(zip(tensors(whole["state"]), tensors(parts["state"]), strict=True))
+    pairs = list(zip(tensors(whole.state), tensors(parts.state), strict=True))
     assert len(pairs) > 100
     assert all(torch.equal(a, b) for a, b in pairs)
-    timed = ("seconds", "waiting")
-    for one, other in zip(whole["metrics"], parts["metrics"], strict=True):
+    timed = ("seconds", "waiting", "test_seconds")
+    for one, other in zip(whole.metrics, parts.metrics, strict=True):
         assert {k: v for k, v in one.items() if k not in timed} == {
             k: v for k, v in other.items() if k not in timed
         }
@@ -126,7 +129,7 @@ def test_what_a_killed_training_left_half_written_is_in_nobodys_way(
     (run / HISTORY).write_text("{}\n")
     (run / PICTURE).touch()
     training(data, run, FRONT, 1).run()
-    assert {path.name for path in run.iterdir()} == {CHECKPOINT, HISTORY, PICTURE, BOARD}
+    assert {path.name for path in run.iterdir()} == {*(CHECKPOINT, HISTORY, PICTURE, BOARD, LOCK)}
     assert len((run / HISTORY).read_text().splitlines()) == 1
 
 
@@ -168,6 +171,38 @@ def test_more_epochs_may_follow_unless_the_rate_was_laid_out_for_them(
     training(data, tmp_path / "decay", FRONT, 1, decay="cosine").run()
     with pytest.raises(CheckpointError, match=r"\(epochs is 1 there and 2 here\)"):
         training(data, tmp_path / "decay", FRONT, 2, decay="cosine")
+
+
+def test_fewer_epochs_than_stand_are_refused(data: Path, tmp_path: Path) -> None:
+    training(data, tmp_path, FRONT, 2).run()
+    with pytest.raises(
+        ValueError, match=r"\Aepochs: 1, but .*checkpoint\.pt has 2 behind it; give"
+    ):
+        training(data, tmp_path, FRONT, 1)
+    assert training(data, tmp_path, FRONT, 2).run()["depth_mm"] > 0
+
+
+def test_one_training_at_a_time_in_a_folder_and_none_while_its_data_are_built(
+    data: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    made = training(data, run, FRONT, 1)
+    with lock_folder(run), pytest.raises(DatasetError, match="is in use by another build"):
+        made.run()
+    copy = tmp_path / "data"
+    shutil.copytree(data, copy)
+    waits = training(copy, tmp_path / "other", FRONT, 1)
+    with lock_folder(copy), pytest.raises(DatasetError, match="a build is writing"):
+        waits.run()
+    assert not (tmp_path / "other").exists()
+    waits.run()
+    # What was opened before another one trained here knows too little to go on.
+    late = training(data, run, FRONT, 2)
+    made.run()
+    with pytest.raises(CheckpointError, match="another training went on here meanwhile"):
+        late.run()
+    assert len(checkpoint.load(run / CHECKPOINT).metrics) == 1
 
 
 def test_the_rate_falls_by_half_a_cosine(data: Path, tmp_path: Path) -> None:

@@ -27,14 +27,14 @@ class BackNet(nn.Module):
 
     A U-Net of eight encoder layers and eight decoder layers, as pix2pix's for 256 x 256, at any
     size from one pixel: a layer halves a side and rounds up, so that 424 x 512 ends in 2 x 2 and a
-    side of one pixel stays. It predicts a correction to the first channel, zero before any
-    training: the untrained network returns the depth it is given. There is no dropout, which
-    pix2pix has for a generator's noise: one body has one back.
+    side of one pixel stays. It predicts a correction to a depth, zero before any training: the
+    untrained network returns the depth it is given. There is no dropout, which pix2pix has for a
+    generator's noise: one body has one back.
 
     Parameters: 63,608,834 at width 64, 15,908,866 at 32, 3,980,546 at 16 (two input channels).
 
     Args:
-        inputs: channels of the input, of which the first is the depth that is corrected.
+        inputs: channels of the input.
         correction: normalised depth that an output of 1 corrects: clothes are centimetres thick,
             a tenth of the range, and people some decimetres.
 
@@ -50,18 +50,20 @@ class BackNet(nn.Module):
         self.decoder = Decoder(channels[-1], inputs, channels, 2)
         initialise(self)
 
-    def forward(self, maps: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, maps: Tensor, depth: Tensor) -> tuple[Tensor, Tensor]:
         """Fine back depth and the silhouette's logit, both (B, 1, H, W).
 
-        The depth is in the units of the first channel and not clipped; a logit above 0 is inside.
+        The depth is in the units of `depth` and not clipped; a logit above 0 is inside.
 
         Args:
-            maps: (B, inputs, H, W), depth normalised to [-1, 1] first.
+            maps: (B, inputs, H, W), about -1 to 1: all that the network sees.
+            depth: (B, 1, H, W), normalised to [-1, 1]: what is corrected.
 
         Raises:
-            ValueError: the shape is another.
+            ValueError: a shape is another.
         """
         check_maps("maps", maps, self.inputs)
+        check_maps("depth", depth, 1)
         *features, deepest = self.encoder(maps)
         correction, logit = self.decoder(deepest, [maps, *features]).split(1, dim=1)
-        return maps[:, :1] + self.correction * correction, logit
+        return depth + self.correction * correction, logit

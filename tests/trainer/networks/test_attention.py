@@ -110,3 +110,18 @@ def test_gradients_are_right(attention):
 def test_grids_that_do_not_meet_are_refused(attention):
     with pytest.raises(ValueError, match=r"^finer features \(2, 3, 6, 6\) are not twice .*\Z"):
         attention(*features(2, 3, 6, 6))
+
+
+def test_half_precision_attends_to_a_whole_person_as_single_does():
+    """416 x 256 pixels are 26 x 16 tokens, whose weights are near 1 / 416."""
+    torch.manual_seed(0)
+    module = CrossAttention(deep=128, finer=64)
+    initialise(module)
+    deep, finer = torch.randn(1, 128, 26, 16), torch.randn(1, 64, 52, 32)
+    with torch.no_grad():
+        exact = module(deep, finer)[:, 128:].float(), module.weights(deep)
+        with torch.autocast("cpu", torch.bfloat16):
+            half = module(deep, finer)[:, 128:].float(), module.weights(deep)
+    for ours, theirs in zip(half, exact, strict=True):
+        assert ours.dtype == torch.float32
+        assert (ours - theirs).norm() < 0.02 * theirs.norm()

@@ -16,11 +16,11 @@ def coarse(height, width, channels=1, batch=1):
 @pytest.mark.parametrize("channels", [1, 4])
 @pytest.mark.parametrize("size", [(1, 1), (40, 1), (16, 16), (53, 37), (256, 256), (424, 512)])
 def test_untrained_it_returns_its_depth_at_any_size(size, channels):
-    maps = coarse(*size, channels)
+    maps, given = coarse(*size, channels), coarse(*size) / 2
     with torch.no_grad():
-        depth, logit = BackNet(BackNetConfig(8), channels)(maps)
+        depth, logit = BackNet(BackNetConfig(8), channels)(maps, given)
     assert depth.shape == logit.shape == (1, 1, *size)
-    assert torch.equal(depth, maps[:, :1])
+    assert torch.equal(depth, given)
     assert not logit.any()
 
 
@@ -41,7 +41,7 @@ def test_gradients_reach_every_parameter(size):
     maps, wanted = coarse(*size, batch=2), torch.rand(2, 1, *size)
     for _ in range(2):  # the last convolution is zero before the first step and lets nothing pass
         optimizer.zero_grad()
-        depth, logit = network(maps)
+        depth, logit = network(maps, maps)
         ((depth - wanted).square().mean() + (logit - wanted).square().mean()).backward()
         optimizer.step()
     still = [name for name, weight in network.named_parameters() if not weight.grad.any()]
@@ -55,14 +55,14 @@ def test_depth_and_silhouette_are_learned_apart():
     maps = coarse(32, 32, batch=2)
     inside = (maps > 0).float()
     for _ in range(60):
-        depth, logit = network(maps)
+        depth, logit = network(maps, maps)
         loss = 10 * (depth - maps - 0.03 * maps.abs()).abs().mean()
         loss = loss + torch.nn.functional.binary_cross_entropy_with_logits(logit, inside)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
     with torch.no_grad():
-        depth, logit = network(maps)
+        depth, logit = network(maps, maps)
     assert (depth - maps - 0.03 * maps.abs()).abs().mean() < 0.5 * 0.03 * maps.abs().mean()
     assert ((logit > 0) == (maps > 0)).float().mean() > 0.9
 
@@ -76,7 +76,21 @@ def test_the_docstring_counts_the_parameters(width):
 
 def test_maps_of_another_shape_are_refused():
     with pytest.raises(ValueError, match=r"^maps: shape .*; give \(B, 4, H, W\)\Z"):
-        BackNet(BackNetConfig(8), 4)(coarse(16, 16))
+        BackNet(BackNetConfig(8), 4)(coarse(16, 16), coarse(16, 16))
+    with pytest.raises(ValueError, match=r"^depth: shape .*; give \(B, 1, H, W\)\Z"):
+        BackNet(BackNetConfig(8), 4)(coarse(16, 16, 4), coarse(16, 16, 4))
+
+
+def test_what_is_corrected_is_not_seen():
+    network = BackNet(BackNetConfig(8), 1)
+    for weight in network.parameters():
+        torch.nn.init.normal_(weight, std=0.1)
+    maps, given = coarse(32, 32), coarse(32, 32) / 2
+    with torch.no_grad():
+        one, other = network(maps, given), network(maps, given + 0.25)
+    assert not torch.equal(one[0], given)
+    torch.testing.assert_close(other[0] - one[0], torch.full_like(given, 0.25))
+    assert torch.equal(one[1], other[1])
 
 
 def test_a_small_one_is_quick_without_a_gpu():
@@ -87,6 +101,6 @@ def test_a_small_one_is_quick_without_a_gpu():
     with torch.no_grad():
         for _ in range(3):
             start = time.process_time()
-            network(maps)
+            network(maps, maps)
             times.append(time.process_time() - start)
     assert min(times) < 0.5

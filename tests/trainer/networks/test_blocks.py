@@ -73,7 +73,7 @@ def test_a_sample_does_not_see_its_batch(make):
     network = make().train()
     nn.init.normal_(network.decoder.head.weight)
     depth = torch.randn(3, 1, 20, 24)
-    batch = [depth]
+    batch = [depth, depth]
     if isinstance(network, FrontNet):
         mask = torch.ones_like(depth, dtype=torch.bool)
         batch = [torch.randn(3, 3, 20, 24), depth, mask, mask]
