@@ -51,7 +51,7 @@ learned: $(TESTABLE)
 	$(BIN)/python pipeline.py train --config configs/train_back_cpu.yaml \
 		--data out/people --output out/back
 	$(BIN)/python -m benchmarks.branches out/people \
-		--front out/front/checkpoint.pt --back out/back/checkpoint.pt
+		--front out/front/checkpoint.pt --back out/back/checkpoint.pt --picture docs/training.png
 
 # From nothing: what stands from an earlier checkout proves nothing about this one.
 smoke: $(READY)

@@ -1,12 +1,13 @@
 """Trained branches on the test subjects: the front beside the best classical filters of depth.
 
-    python -m benchmarks.branches DIR [--front CHECKPOINT] [--back CHECKPOINT]
+    python -m benchmarks.branches DIR [--front CHECKPOINT] [--back CHECKPOINT] [--picture FILE]
 
 DIR is a dataset, the checkpoints are what `pipeline.py train` wrote there. A bilateral and a median
 filter are tuned on one view of every training subject. Every row is of all test views, whole: mean
 absolute error of depth, and the mean angle between the normals of Eq. 6 and those of the true
 depth, over the silhouettes' pixels. The back's are given once more for the pixels where the body
-has a depth of its own: elsewhere the coarse depth is filled in.
+has a depth of its own: elsewhere the coarse depth is filled in. FILE becomes a picture of the first
+view of three test subjects, in rows as `trainer.pictures` draws them, the fronts above the backs.
 """
 
 from __future__ import annotations
@@ -20,14 +21,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
+from PIL import Image
 from scipy.ndimage import distance_transform_edt, median_filter
 from torch import Tensor
 from tqdm import tqdm
 
+from trainer import checkpoint
 from trainer.errors import means, sums
 from trainer.learner import load
 from trainer.losses import Surface
 from trainer.normals import Side, normals
+from trainer.pictures import picture
 from trainer.views import Sample, Views, ViewsConfig
 
 Denoise = Callable[[Sample], Tensor]
@@ -36,21 +40,19 @@ Denoise = Callable[[Sample], Tensor]
 
 @dataclass(frozen=True)
 class Median:
-    """The median of a square window; beyond the outline stands the nearest depth inside."""
+    """The median of a square window."""
 
     size: int
     """Pixels across."""
 
     def __call__(self, sample: Sample) -> Tensor:
-        depth, mask = sample.sensor[0, 0].numpy(), sample.mask[0, 0].numpy()
-        nearest = distance_transform_edt(~mask, return_distances=False, return_indices=True)
-        found = median_filter(depth[tuple(nearest)], self.size)
-        return torch.from_numpy(np.where(mask, found, 0))[None, None]
+        depth, mask = _read(sample)
+        return _person(median_filter(depth, self.size), mask)
 
 
 @dataclass(frozen=True)
 class Bilateral:
-    """OpenCV's bilateral filter; what lies beyond the outline is too far off to have a weight."""
+    """OpenCV's bilateral filter."""
 
     space: float
     """Standard deviation in pixels."""
@@ -58,13 +60,31 @@ class Bilateral:
     """Standard deviation in metres of depth."""
 
     def __call__(self, sample: Sample) -> Tensor:
-        depth, mask = sample.sensor[0, 0].numpy(), sample.mask[0, 0].numpy()
+        depth, mask = _read(sample)
         across = 2 * int(np.ceil(2.5 * self.space)) + 1
-        found = cv2.bilateralFilter(depth, across, self.range, self.space)
-        return torch.from_numpy(np.where(mask, found, 0))[None, None]
+        return _person(cv2.bilateralFilter(depth, across, self.range, self.space), mask)
 
 
-MEDIANS = [Median(size) for size in (1, 3, 5, 7)]
+def _read(sample: Sample) -> tuple[np.ndarray, np.ndarray]:
+    """The sensor's depth and the silhouette; beyond that stands the nearest depth inside."""
+    depth, mask = sample.sensor[0, 0].numpy(), sample.mask[0, 0].numpy()
+    if not mask.any():
+        return depth, mask
+    nearest = distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    return depth[tuple(nearest)], mask
+
+
+def _person(depth: np.ndarray, mask: np.ndarray) -> Tensor:
+    return torch.from_numpy(np.where(mask, depth, np.float32(0)))[None, None]
+
+
+SHOWN = 3
+"""Test subjects in the picture."""
+
+NOTHING = 1
+"""Pixels across a window that changes no depth."""
+
+MEDIANS = [Median(size) for size in (NOTHING, 3, 5, 7)]
 BILATERALS = [
     Bilateral(space, reach)
     for space, reach in product(
@@ -90,7 +110,7 @@ def measure(
         total += sums(found, true, sample.body if own else sample.mask)
     millimetres, degrees = means(total)
     if millimetres is None or degrees is None:
-        raise ValueError("there is no pixel to measure")
+        raise ValueError("there is no pixel to measure: the views are empty, or have no body")
     return millimetres, degrees
 
 
@@ -104,13 +124,14 @@ def tuned(grid: Sequence[Denoise], views: Views) -> Denoise:
     """The filter with the least error of depth on one view of every subject.
 
     Raises:
-        ValueError: it stands at the grid's edge: a better one may lie beyond.
+        ValueError: it stands at the grid's edge: a better one may lie beyond. None lies beyond a
+            window of one pixel, which does nothing.
     """
     some = list(samples(views, len(views) // len(views.subjects)))
     best = grid[int(np.argmin([measure(each, some)[0] for each in tqdm(grid, leave=False)]))]
     for field in fields(best):
-        values = [getattr(each, field.name) for each in grid]
-        if getattr(best, field.name) in (min(values), max(values)):
+        values = {getattr(each, field.name) for each in grid}
+        if getattr(best, field.name) in {min(values), max(values)} - {NOTHING}:
             raise ValueError(f"{best} is the best of its grid and at its edge; widen {field.name}")
     return best
 
@@ -130,24 +151,40 @@ def main() -> None:
     parser.add_argument("data", type=Path, help="folder of the dataset")
     parser.add_argument("--front", type=Path, help="checkpoint of the front branch")
     parser.add_argument("--back", type=Path, help="checkpoint of the back branch")
+    parser.add_argument("--picture", type=Path, help="PNG of some test views, to write")
     options = parser.parse_args()
+    if options.picture is not None and options.front is None and options.back is None:
+        parser.error("--picture shows what a checkpoint makes; give --front or --back too")
     train, test = (
         Views(options.data, split, ViewsConfig(), varied=False) for split in ("train", "test")
     )
     for views in (train, test):
         views.resize(views.extent())
     print(f"{len(test)} views of {len(test.subjects)} test subjects")
+    given = {"front": options.front, "back": options.back}
+    learners = {side: load(path) for side, path in given.items() if path is not None}
+    for side, learner in learners.items():
+        if learner.branch.side != side:
+            parser.error(f"--{side}: {given[side]} is of the {learner.branch.side} branch")
+        learned = checkpoint.load(given[side]).data["config_sha256"]
+        if learned != test.dataset.description["config_sha256"]:
+            print(f"{given[side]} learned from another dataset: perhaps from these people too")
     fronts: dict[str, Denoise] = {"the sensor": lambda sample: sample.sensor}
     fronts |= {str(found): found for found in (tuned(MEDIANS, train), tuned(BILATERALS, train))}
-    if options.front is not None:
-        fronts["the front branch"] = load(options.front).predict
+    if "front" in learners:
+        fronts["the front branch"] = learners["front"].predict
     show("front", {name: measure(each, samples(test)) for name, each in fronts.items()})
     backs: dict[str, Denoise] = {"the body": lambda sample: sample.coarse}
-    if options.back is not None:
-        backs["the back branch"] = load(options.back).predict
+    if "back" in learners:
+        backs["the back branch"] = learners["back"].predict
     for title, own in (("back", False), ("back, where the body is", True)):
         rows = {name: measure(each, samples(test), "back", own) for name, each in backs.items()}
         show(title, rows)
+    if options.picture is not None:
+        firsts = list(samples(test, len(test) // len(test.subjects)))
+        some = Sample(*map(torch.cat, zip(*firsts[:SHOWN], strict=True)))
+        page = np.concatenate([picture(learner, some) for learner in learners.values()])
+        Image.fromarray(page).save(options.picture)
 
 
 if __name__ == "__main__":

@@ -95,7 +95,9 @@ class Front(Branch):
         for name in ("gan", "matching"):
             changed = getattr(self.gamma, name) != getattr(FrontWeights(), name)
             if changed and self.normal_gan is None:
-                raise ValueError(f"gamma.{name}: nothing judges this front; give normal_gan too")
+                raise ValueError(
+                    f"branch.gamma.{name}: nothing judges this front; give branch.normal_gan too"
+                )
 
     def network(self) -> FrontNet:
         return FrontNet(self.net)
@@ -142,15 +144,18 @@ class Back(Branch):
     NormalGAN does (Table 4's "nGAN").
     """
     silhouette: Literal["given", "predicted"] = "given"
-    """Whether the generator sees the subject's silhouette beside the body. Without it, as Eq. 5 has
-    it, it learns by L_P how far clothes and hair reach, and its depth suffers.
+    """Whether the generator sees the subject's silhouette, or the body alone, as far as it lies
+    inside that, and learns by L_P how far clothes and hair reach (Eq. 5 and 13).
     """
     judged_by: Literal["normals", "depth"] = "normals"
     """What the discriminator sees; "depth" is Table 4's "dGAN"."""
 
     def __post_init__(self) -> None:
         if self.source == "sensor" and self.silhouette == "predicted":
-            raise ValueError("silhouette: the sensor's depth shows it; give source body, or given")
+            raise ValueError(
+                "branch.silhouette: predicted, but the sensor's depth shows it; give branch.source "
+                "body, or given"
+            )
 
     @property
     def needs_body(self) -> bool:
@@ -171,14 +176,12 @@ class Back(Branch):
         self, network: nn.Module, batch: Sample, span: DepthRange
     ) -> tuple[Tensor, Tensor | None]:
         if self.source == "body":
-            depth = _normalised(batch.coarse, batch.mask, span)
-            bare = _normalised(batch.coarse, batch.body, span)
-            seen = depth if self.silhouette == "given" else bare, 2.0 * batch.body - 1
+            shown_at = batch.mask if self.silhouette == "given" else batch.body
+            depth, more = batch.coarse, 2.0 * batch.body - 1
         else:
-            depth = _normalised(batch.sensor, batch.mask, span)
-            seen = depth, 2 * batch.rgb - 1
-        found, logit = network(torch.cat(seen, dim=1), depth)
-        return found, logit
+            shown_at, depth, more = batch.mask, batch.sensor, 2 * batch.rgb - 1
+        seen = torch.cat([_normalised(depth, shown_at, span), more], dim=1)
+        return network(seen, _normalised(depth, batch.mask, span), shown_at)
 
     def loss(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -12,7 +13,7 @@ import torch
 from shards.atomic import atomic_write
 from trainer.views import DepthRange
 
-SCHEMA = 2
+SCHEMA = 3
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,11 @@ class CheckpointError(ValueError):
 def save(path: Path, checkpoint: Checkpoint) -> None:
     """Replace the file, or leave it as it was."""
     parts = {field.name: getattr(checkpoint, field.name) for field in fields(Checkpoint)}
+    # In memory first: Ctrl-C in the midst of a file's write makes torch's writer raise of its own.
+    whole = io.BytesIO()
+    torch.save({"schema": SCHEMA, **parts, "range": list(checkpoint.range)}, whole)
     with atomic_write(path) as file:
-        torch.save({"schema": SCHEMA, **parts, "range": list(checkpoint.range)}, file)
+        file.write(whole.getbuffer())
 
 
 def load(path: Path) -> Checkpoint:

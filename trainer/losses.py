@@ -6,6 +6,9 @@ numbers of its equations, with the coefficients of its section 4.1.
 The paper's norms are written without a denominator. Here each is a mean over the subject's pixels,
 not the frame's: empty background has no error and would only scale a loss by how much of the frame
 the subject fills. All terms share that region, so the coefficients keep their ratios.
+
+Where torchrun started several processes they divide by the pixels of all: every loss here is a
+meeting of all of them, each with its part of the batch, in the same order.
 """
 
 from __future__ import annotations
@@ -197,10 +200,11 @@ def matching_loss(fake: Sequence[Tensor], real: Sequence[Tensor], mask: Tensor) 
 def silhouette_loss(predicted: Tensor, mask: Tensor) -> Tensor:
     """L_P, Eq. 13: the absolute error of a soft silhouette, per pixel of the subject's.
 
-    The paper's P_L is the silhouette of the estimated parametric body. That is an input here, so
+    The paper's P_L is the silhouette of the estimated parametric body, which no generator changes:
     the literal term would be a constant without a gradient. P_L is therefore the silhouette that
-    the generator predicts beside its depth. Its error counts all over the frame, or a prediction of
-    1 everywhere would be perfect, and is divided by the subject's pixels like every other term.
+    the generator predicts beside its depth, soon met where it is given H_L as well. Its error
+    counts all over the frame, or a prediction of 1 everywhere would be perfect, and is divided by
+    the subject's pixels like every other term.
 
     Args:
         predicted: P_L, (B, 1, H, W) from 0 to 1.

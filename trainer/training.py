@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import TracebackType
 from typing import Any, Literal
 
 import torch
@@ -177,6 +178,7 @@ class Training:
 
         Raises:
             DatasetError: a build is writing the dataset, or another training is in this folder.
+            CheckpointError: another one went on with it since this one was opened.
             DivergedError: a loss is no number any more.
         """
         with self._locked() if self.is_first else nullcontext():
@@ -304,6 +306,7 @@ class Training:
             "batch_size": self.config.batch // processes.count(),
             "num_workers": self.workers,
             "persistent_workers": self.workers > 0,
+            "worker_init_fn": _hush,
             "pin_memory": self.device.type == "cuda",
         }
         self._train_loader = DataLoader(self.train_views, sampler=self._sampler, **common)
@@ -361,6 +364,16 @@ def _device(name: str) -> torch.device:
     except (RuntimeError, AssertionError) as error:
         raise ValueError(f"device: {name} is not to be had here; give cpu, or cuda") from error
     return device
+
+
+def _hush(worker: int) -> None:
+    """Let a loader's worker end in silence when its training has: nobody waits for its tensors."""
+
+    def tell(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        if not issubclass(kind, ConnectionError | EOFError):
+            sys.__excepthook__(kind, error, trace)
+
+    sys.excepthook = tell
 
 
 def _identity(*views: Views) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from augment import sensors
 from shards.archive import Shard
 from shards.dataset import Dataset
 from shards.splits import Split
+from trainer.filling import filled
 
 Noise = Literal["stored", "redrawn"]
 
@@ -67,11 +68,11 @@ class Sample(NamedTuple):
     Attributes:
         rgb: (3, h, w) float32, sRGB in [0, 1].
         sensor: (1, h, w) float32 metres, the sensor's reading; where it has none inside the
-            silhouette, the nearest of the row or of the nearest row.
+            silhouette, that of its surroundings.
         valid: (1, h, w) bool, where the sensor has a reading of its own.
         front, back: (1, h, w) float32 metres, true depth from the front camera's plane.
-        coarse: (1, h, w) float32 metres, the bare body's back (Eq. 4); where the body is not, the
-            nearest of the row or, where that has none, of the nearest row.
+        coarse: (1, h, w) float32 metres, the bare body's back (Eq. 4); where the body is not, that
+            of its surroundings.
         body: (1, h, w) bool, where the coarse depth is the body's own.
         mask: (1, h, w) bool, the subject's silhouette.
         pixel_size: () float32 metres.
@@ -174,7 +175,9 @@ class Views(TorchDataset):
             far = shard["depth_back"][0].max(where=mask, initial=far)
             shard.close()
         if not near < far:
-            raise ValueError(f"{self.dataset.folder}: the first views of all subjects are empty")
+            raise ValueError(
+                f"{self.dataset.folder}: the first views of all subjects are empty; verify it"
+            )
         near, far = float(near), float(far)
         return DepthRange(round(near - RANGE_MARGIN, 3), round(far + RANGE_MARGIN, 3))
 
@@ -211,11 +214,11 @@ class Views(TorchDataset):
         maps = {
             "rgb": person(shard["rgb_front"][view]),
             # What is missing is taken from the whole person, however small the crop.
-            "sensor": _filled(read, inside),
+            "sensor": filled(read, inside),
             "valid": read > 0,
             "front": person(shard["depth_front"][view]),
             "back": person(shard["depth_back"][view]),
-            "coarse": _filled(body, inside),
+            "coarse": filled(body, inside),
             "body": body > 0,
             "mask": inside,
         }
@@ -294,34 +297,3 @@ class _Crop:
             here.append(slice(first - start, max(last, first) - start))
         turned[tuple(here)] = image[tuple(there)]
         return window
-
-
-def _filled(depth: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Depth at every pixel inside: its own, or the nearest in the row or in the nearest row.
-
-    Args:
-        depth: (h, w) metres, 0 = none.
-        inside: (h, w) bool; 0 outside of it, and everywhere if there is no depth.
-    """
-    filled = np.where(inside, depth, np.float32(0))
-    missing, given = np.flatnonzero(inside & (depth <= 0)), np.flatnonzero(depth > 0)
-    if not len(missing) or not len(given):
-        return filled
-    height, width = depth.shape
-    rows = np.unique(given // width)
-    halfway = (rows[1:] + rows[:-1]) / 2
-    row = rows[np.searchsorted(halfway, np.arange(height))][missing // width]
-    place = row * width + missing % width
-    # Places in the flat image, and beyond both ends one that lies in no row of it.
-    have = np.concatenate([[-1], given, [depth.size]])
-    after = np.searchsorted(have, place)
-    left, right = have[after - 1], have[after]
-    to_left = np.where(left // width == row, place - left, width)
-    to_right = np.where(right // width == row, right - place, width)
-    values = np.append(depth, np.float32(0))
-    at_left, at_right = values[left], values[right]
-    # Of two as near, the one nearer to the camera: mirrored, it is the same one.
-    found = np.where(to_left < to_right, at_left, at_right)
-    found = np.where(to_left == to_right, np.minimum(at_left, at_right), found)
-    filled.reshape(-1)[missing] = found
-    return filled

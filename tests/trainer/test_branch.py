@@ -129,13 +129,14 @@ def test_the_fronts_network_sees_colour_and_the_sensors_depth(
 
 @pytest.mark.parametrize("learner", [*TABLE_4, "Eq. 5"], indirect=True)
 def test_the_backs_network_sees_its_source_alone(learner: Learner, batch: Sample) -> None:
-    ((maps, corrected),) = seen_by(learner, "generator", batch)
+    ((maps, corrected, where),) = seen_by(learner, "generator", batch)
     of_body = learner.branch.source == "body"
     assert maps.shape[1] == (2 if of_body else 4)
     given = batch.coarse if of_body else batch.sensor
     own = batch.mask if learner.branch.silhouette == "given" else batch.body
     torch.testing.assert_close(maps[:, :1][own], learner.span.normalised(given[own]))
     assert (maps[:, :1][~own] == FAR).all()
+    assert torch.equal(where, own)
     # What is corrected was filled in beside the body, whether that is seen or not.
     torch.testing.assert_close(corrected[batch.mask], learner.span.normalised(given[batch.mask]))
     if of_body:
@@ -161,11 +162,14 @@ def test_the_backs_network_sees_its_source_alone(learner: Learner, batch: Sample
 @pytest.mark.parametrize("learner", ["Eq. 5"], indirect=True)
 def test_the_silhouette_has_to_be_learned_from_the_body(learner: Learner, batch: Sample) -> None:
     """It is L_P's target: a network that is given it would learn nothing by that loss."""
-    ((maps, _),) = seen_by(learner, "generator", batch)
+    seen: list[Tensor] = []
+    encoder = learner.networks["generator"].encoder
+    encoder.register_forward_pre_hook(lambda _, given: seen.append(given[0].detach()))
+    learner.predict(batch)
     wider = torch.nn.functional.max_pool2d(batch.mask.float(), 5, 1, 2) > 0
     assert (wider != batch.mask).any()
-    ((others, _),) = seen_by(learner, "generator", batch._replace(mask=wider))
-    assert torch.equal(maps, others)
+    learner.predict(batch._replace(mask=wider))
+    assert torch.equal(*seen)
 
 
 @pytest.mark.parametrize("learner", [n for n in TERMS if TERMS[n] & JUDGED], indirect=True)
@@ -197,11 +201,13 @@ def test_the_discriminator_sees_both_surfaces_and_nothing_outside_of_the_mask(
 @pytest.mark.parametrize("name", ["gan", "matching"])
 def test_a_coefficient_that_nothing_would_use_is_refused(name: str) -> None:
     idle = FrontWeights(**{name: 3.0})
-    with pytest.raises(ValueError, match=rf"\Agamma\.{name}: .*; give normal_gan too\Z"):
+    with pytest.raises(
+        ValueError, match=rf"\Abranch\.gamma\.{name}: .*; give branch\.normal_gan too\Z"
+    ):
         Front(gamma=idle)
     assert Front(gamma=idle, normal_gan=JUDGE).gamma == idle
 
 
 def test_a_silhouette_that_is_seen_anyway_is_not_to_be_predicted() -> None:
-    with pytest.raises(ValueError, match=r"\Asilhouette: the sensor's depth shows it"):
+    with pytest.raises(ValueError, match=r"\Abranch\.silhouette: .* sensor's depth shows it"):
         Back(source="sensor", silhouette="predicted")

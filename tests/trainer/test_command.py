@@ -18,10 +18,14 @@ import yaml
 from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from benchmarks import branches
 from trainer import checkpoint
 from trainer.branch import Back
+from trainer.errors import errors
+from trainer.learner import load
 from trainer.networks.vgg import VGG19
 from trainer.record import from_record
+from trainer.views import Sample, Views, ViewsConfig
 
 ROOT = Path(__file__).parents[2]
 FRONT, BACK = (ROOT / "configs" / f"train_{name}_cpu.yaml" for name in ("front", "back"))
@@ -91,6 +95,46 @@ def test_it_trains_shows_and_keeps_what_it_says(data: Path, tmp_path: Path, name
     assert "epoch 1/2" not in again.stderr
 
 
+def test_a_branch_is_compared_with_tuned_filters_and_shown(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = {name: tmp_path / name / "checkpoint.pt" for name in TINY}
+    for name, path in made.items():
+        assert train(*tiny(data, path.parent, name)).returncode == 0
+
+    def compare(*given: object) -> list[str]:
+        monkeypatch.setattr(sys, "argv", ["branches", str(data), *map(str, given)])
+        branches.main()
+        return capsys.readouterr().out.splitlines()
+
+    # Ellipsoids of 50 pixels bear more smoothing than people do.
+    monkeypatch.setattr(branches, "MEDIANS", [branches.Median(size) for size in (1, 3, 7, 31)])
+    monkeypatch.setattr(
+        branches,
+        "BILATERALS",
+        [branches.Bilateral(s, r) for s in (0.1, 1.0, 30.0) for r in (1e-4, 0.1, 1.0, 50.0)],
+    )
+    picture = tmp_path / "both.png"
+    said = compare("--front", made["front"], "--back", made["back"], "--picture", picture)
+    assert said[0] == "2 views of 1 test subjects"
+    for name, side in (("front", "sensor"), ("back", "body")):
+        # Not the training's own: of crops that are no larger than these people.
+        views = Views(data, "test", ViewsConfig(), varied=False)
+        views.resize(views.extent())
+        figures = errors(load(made[name]), map(batch_of, views))
+        given = next(line.split() for line in said if line.startswith(f"the {side}"))
+        found = next(line.split() for line in said if line.startswith(f"the {name} branch"))
+        assert float(given[2]) == pytest.approx(figures["given_mm"], abs=1e-3)
+        assert float(found[3]) == pytest.approx(figures["depth_mm"], abs=1e-3)
+        assert float(found[5]) == pytest.approx(figures["normal_deg"], abs=1e-2)
+    with Image.open(picture) as image:
+        assert image.width % 7 == 0
+        assert np.asarray(image).std() > 10
+    for wrong in (("--front", made["back"]), ("--picture", picture)):
+        with pytest.raises(SystemExit):
+            compare(*wrong)
+
+
 def test_an_interrupted_training_goes_on_to_the_same_bits(data: Path, tmp_path: Path) -> None:
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     one_thread = {"OMP_NUM_THREADS": "1"}
@@ -149,7 +193,7 @@ def test_ctrl_c_in_a_terminal_leaves_no_process_and_says_little(data: Path, tmp_
     while _is_there(process.pid):
         assert time.monotonic() < deadline
         time.sleep(0.05)
-    assert len(checkpoint.load(run / "checkpoint.pt").metrics) >= 2
+    assert len(checkpoint.load(run / "checkpoint.pt").metrics) >= 1  # told before it is kept
 
 
 def _is_there(group: int) -> bool:
@@ -158,6 +202,10 @@ def _is_there(group: int) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+def batch_of(sample: Sample) -> Sample:
+    return Sample(*(part[None] for part in sample))
 
 
 def _epochs(run: Path) -> int:
@@ -189,6 +237,7 @@ ABLATIONS = {
     "front_unet": lambda front: not front.net.attention and front.normal_gan is None,
     "front_unet_ngan": lambda front: not front.net.attention and front.judge() is not None,
     "back_ngan": lambda back: back.source == "sensor" and back.judged_by == "normals",
+    "back_eq5": lambda back: back.silhouette == "predicted" and not back.generator.detail,
     "back_dgan": lambda back: back.source == "body" and back.judged_by == "depth",
 }
 
@@ -239,18 +288,21 @@ def test_the_papers_settings_stand_in_its_configurations(name: str) -> None:
         weights = {"depth": 1, "normal": 20, "vgg": 20}
         assert {key: branch["gamma"][key] for key in weights} == weights
         assert branch["net"]["attention"]
+        assert branch["net"]["detail"]
         assert branch["normal_gan"] is None
     else:
         weights = {"depth": 10, "gan": 5, "matching": 20, "silhouette": 20, "vgg": 1}
         assert branch["beta"] == weights
         assert (branch["source"], branch["judged_by"]) == ("body", "normals")
+        assert branch["silhouette"] == "given"
+        assert branch["generator"]["detail"]
 
 
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
         (("--batch", 0), "batch: 0; give 1 to 4096"),
-        (("--branch.net.width", 12), "front.width: 12; give a multiple of 8"),
+        (("--branch.net.width", 12), "branch.net.width: 12; give a multiple of 8"),
         (("--device", "warp"), "device: warp is not to be had here"),
         (("--precision", "float8"), "precision"),
         (("--data", "nowhere"), "nowhere"),

@@ -26,6 +26,8 @@ from trainer.views import DepthRange, Sample, Views, ViewsConfig
 
 SIZE = ViewsConfig(size=(64, 48))
 JUDGE = DiscriminatorConfig(width=8)
+SEEDS = 3
+"""Learners whose losses are averaged where one alone is chance."""
 FRONT = Front(net=FrontNetConfig(width=8))
 JUDGED_FRONT = Front(net=FrontNetConfig(width=8), normal_gan=JUDGE)
 BACK = Back(generator=BackNetConfig(width=8), discriminator=JUDGE)
@@ -70,9 +72,13 @@ def scholar(request: pytest.FixtureRequest, batch: Sample, span: DepthRange) -> 
 
 
 def new(
-    branch: Branch, span: DepthRange, rate: float = 1e-3, precision: Precision = "float32"
+    branch: Branch,
+    span: DepthRange,
+    rate: float = 1e-3,
+    precision: Precision = "float32",
+    seed: int = 0,
 ) -> Learner:
-    torch.manual_seed(0)
+    torch.manual_seed(seed)
     return Learner(branch, span, rate, precision=precision)
 
 
@@ -170,14 +176,20 @@ def test_a_step_computes_in_its_precision_and_keeps_32_bits(
 def test_half_precision_learns_as_full_precision_does(
     branch: Branch, batch: Sample, span: DepthRange
 ) -> None:
-    """To a sixth of the losses after fifty steps."""
-    pair = [new(branch, span, precision=precision) for precision in ("float32", "bfloat16")]
-    for _ in range(50):
-        full, half = (learner.step(batch) for learner in pair)
+    """To a sixth of the losses after fifty steps, the mean of some: one may go another way."""
+    names = ("depth", "normal" if branch is FRONT else "silhouette")
+    sums = {precision: dict.fromkeys(names, 0.0) for precision in ("float32", "bfloat16")}
+    for precision, total in sums.items():
+        for seed in range(SEEDS):
+            learner = new(branch, span, precision=precision, seed=seed)
+            terms = [learner.step(batch) for _ in range(50)][-1]
+            for name in names:
+                total[name] += float(terms[name])
+    full, half = sums.values()
     first = new(branch, span).step(batch)
-    for name in ("depth", "normal" if branch is FRONT else "silhouette"):
-        assert full[name] < 0.9 * first[name], name
-        assert half[name] == pytest.approx(float(full[name]), rel=0.16), name
+    for name in names:
+        assert full[name] < 0.9 * SEEDS * first[name], name
+        assert half[name] == pytest.approx(full[name], rel=0.16), name
 
 
 @both_precisions

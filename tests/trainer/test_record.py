@@ -37,7 +37,7 @@ CHANGED: dict[str, Branch] = {
         normal_gan=DiscriminatorConfig(width=24, strided=3),
     ),
     "back": Back(
-        generator=BackNetConfig(width=24),
+        generator=BackNetConfig(width=24, detail=False),
         discriminator=DiscriminatorConfig(width=16, strided=2),
         beta=BackWeights(depth=2.5, gan=3, matching=4, silhouette=0, vgg=6),
         source="sensor",
@@ -67,10 +67,20 @@ def test_nothing_of_the_changed_branches_is_as_by_default(kind: type[Branch]) ->
             assert not [name for name in value if others[0][name] == value[name]], key
 
 
-def test_records_of_the_ablations_differ_and_the_papers_method_is_the_default() -> None:
+def test_records_of_the_ablations_differ() -> None:
     assert len({json.dumps(to_record(branch)) for branch in ABLATIONS.values()}) == len(ABLATIONS)
-    assert from_record({"name": "front"}) == ABLATIONS["U-Net+CA"]
-    assert from_record({"name": "back"}) == ABLATIONS["SMPL+nGAN"]
+
+
+def test_what_a_record_leaves_out_is_the_papers_method() -> None:
+    net = FrontNetConfig(width=32, attention=True, detail=True)
+    assert from_record({"name": "front"}) == Front(net=net, normal_gan=None)
+    assert from_record({"name": "back"}) == Back(
+        generator=BackNetConfig(width=32, detail=True),
+        discriminator=DiscriminatorConfig(width=64, strided=4),
+        source="body",
+        silhouette="given",
+        judged_by="normals",
+    )
 
 
 EVIL = {"class_path": "planted.Evil", "init_args": {"width": 8}}

@@ -109,7 +109,7 @@ def test_a_checkpoint_of_another_schema_or_none_is_refused(data: Path, tmp_path:
     whole = path.read_bytes()
     found = torch.load(path, weights_only=True)
     torch.save({**found, "schema": 7}, path)
-    with pytest.raises(CheckpointError, match="has schema 7, this program reads 2; train again"):
+    with pytest.raises(CheckpointError, match="has schema 7, this program reads 3; train again"):
         training(data, tmp_path, FRONT, 1)
     for torn in (whole[: len(whole) // 2], b"", b"text"):
         path.write_bytes(torn)

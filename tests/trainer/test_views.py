@@ -14,6 +14,7 @@ from torch.utils.data import DataLoader, DistributedSampler
 from augment import sensors
 from shards.archive import write_shard
 from shards.dataset import Dataset, DatasetWriter
+from trainer.filling import filled
 from trainer.normals import normals
 from trainer.views import DepthRange, Sample, Views, ViewsConfig
 
@@ -117,16 +118,8 @@ def test_a_window_larger_than_the_image_is_padded_and_a_smaller_one_cuts(data: P
     assert small.mask.all()
 
 
-def nearest(depth: np.ndarray, valid: np.ndarray, i: int, j: int) -> np.ndarray:
-    """The nearest valid values to a pixel, in its row or in the nearest row that has any."""
-    rows = np.flatnonzero(valid.any(axis=1))
-    row = rows[np.abs(rows - i).argmin()]
-    at = np.flatnonzero(valid[row])
-    return depth[row, at[np.abs(at - j) == np.abs(at - j).min()]]
-
-
-def test_what_the_body_leaves_bare_has_the_nearest_of_its_depth(data: Path) -> None:
-    above = 0
+def test_what_the_body_leaves_bare_is_filled_in_from_its_depth(data: Path) -> None:
+    bare = 0
     for index in range(8):
         sample = plain(data)[index]
         inside, body = sample.mask[0].numpy(), sample.body[0].numpy()
@@ -134,17 +127,16 @@ def test_what_the_body_leaves_bare_has_the_nearest_of_its_depth(data: Path) -> N
         subject, view = plain(data).place(index)
         back = Dataset(data).shard(subject)["body_depth_back"][view]
         np.testing.assert_array_equal(np.sort(coarse[body]), np.sort(back[back > 0]))
-        for i, j in np.argwhere(inside & ~body):
-            assert coarse[i, j] == nearest(coarse, body, i, j).min()
-            above += not body[i].any()
+        rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
+        person = np.ix_(rows, columns)  # the crop's mask has no empty row or column within
+        bared = np.where(body, coarse, np.float32(0))
+        np.testing.assert_array_equal(coarse[person], filled(bared[person], inside[person]))
+        bare += int((inside & ~body).sum())
         assert not coarse[~inside].any()
-    assert above > 50
+    assert bare > 1000
 
 
-def test_what_the_sensor_missed_is_nearest_in_the_row_mirrored_or_not(
-    data: Path, tmp_path: Path
-) -> None:
-    """Of two readings as near the one nearer to the camera, which no mirror changes."""
+def test_what_the_sensor_missed_is_filled_in_mirrored_or_not(data: Path, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     base = Dataset(data)
     with DatasetWriter(tmp_path, {}, base.subjects(), 0, {"numpy": np.__version__}) as writer:
@@ -158,10 +150,8 @@ def test_what_the_sensor_missed_is_nearest_in_the_row_mirrored_or_not(
             writer.add(name, *written, 0.1, "CC0-1.0")
         writer.finish()
     views, flipped = plain(tmp_path), plain(tmp_path, flip=True)
-    ties = turned = 0
+    turned = 0
     for index in range(len(views)):
-        for each in (views, flipped):  # so that one row's end is near the next one's start
-            each.resize(sides(mask_of(views, index)))
         here, there = views[index], flipped[index]
         subject, view = views.place(index)
         own = base.shard(subject)
@@ -170,15 +160,14 @@ def test_what_the_sensor_missed_is_nearest_in_the_row_mirrored_or_not(
         np.testing.assert_array_equal(np.where(valid, found, 0)[inside], read)
         assert not valid[~inside].any()
         assert not found[~inside].any()
-        for i, j in np.argwhere(inside & ~valid):
-            near = nearest(found, valid, i, j)
-            ties += len(near) - 1
-            assert found[i, j] == near.min()
+        assert (found[inside] > 0).all()
+        truth = here.front[0].numpy()
+        # The sensor's noise, and what an ellipsoid's rim falls off by in a few pixels.
+        assert np.median(np.abs(found - truth)[inside & ~valid]) < 0.02
         if not torch.equal(here.rgb, there.rgb):
             turned += 1
             assert torch.equal(here.sensor.flip(-1), there.sensor)
             assert torch.equal(here.valid.flip(-1), there.valid)
-    assert ties > 100
     assert turned
 
 

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from trainer.networks.attention import CrossAttention
 from trainer.networks.blocks import Decoder, Encoder, check_maps, check_width, initialise
-from trainer.networks.detail import WINDOWS, detail
+from trainer.networks.detail import detail, visible
 
 CORRECTION = 0.02
 """Normalised depth that the network's output of 1 corrects: about a centimetre.
@@ -18,12 +18,8 @@ Adam's first steps change an output by about its rate times the layer's features
 in normalised depth that would be many times the noise that is to be taken away.
 """
 
-SCALE = 0.02
-"""Normalised depth that is 1 to the network where it sees detail: a sensor's noise is a few tenths
-of it. In half precision the depth beside it could not hold that: at 0.5 its steps are 0.004."""
-
-LIMIT = 3.0
-"""Of detail as the network sees it: an arm before the trunk is a step of twenty."""
+WINDOWS = (3, 5, 9)
+"""Pixels across the surroundings that noise differs from."""
 
 
 @dataclass(frozen=True)
@@ -38,25 +34,22 @@ class FrontNetConfig:
     attention: bool = True
     """Cross-attention at the bottleneck; without it a plain U-Net (Table 3's "U-Net")."""
     detail: bool = True
-    """See the depth's detail and predict shares of it; without it colour and depth alone go in, and
-    a correction alone comes out, as in the paper's letter.
-    """
+    """See the depth's detail and predict shares of it; without it neither goes in nor comes out."""
 
     def __post_init__(self) -> None:
-        check_width("front.width", self.width)
+        check_width("branch.net.width", self.width)
 
 
 class FrontNet(nn.Module):
     """Colour and noisy front depth to denoised front depth, at any size from one pixel.
 
-    It is told where the depth is a reading, and where a hole that was filled in from its row.
+    It is told where the depth is a reading, and where a hole that was filled in.
 
     A U-Net of four encoder layers, which halve the grid each, and four decoder layers. Beside the
     depth it is given the depth's detail, what the depth differs by from the means of its
     surroundings. It predicts, at every pixel, how much of each of these differences is noise, and a
     correction to what is left, all zero before any training: the untrained network returns the
-    depth it is given. To find the noise is its task; to repeat the noise, in order to take it away,
-    no convolution has to learn.
+    depth it is given.
 
     Parameters: 2,545,412 at width 32, 639,108 at 16; without attention 2,274,564 and 571,268.
 
@@ -95,8 +88,8 @@ class FrontNet(nn.Module):
         check_maps("mask", mask, 1)
         maps = torch.cat([rgb, depth, 2.0 * valid - 1], dim=1)
         if self.detailed:
-            differences = detail(depth, mask)
-            maps = torch.cat([maps, (differences / SCALE).clamp(-LIMIT, LIMIT)], dim=1)
+            differences = detail(depth, mask, WINDOWS)
+            maps = torch.cat([maps, visible(differences)], dim=1)
         features = self.encoder(maps)
         deepest = features[3]
         if self.attention is not None:

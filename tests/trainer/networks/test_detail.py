@@ -5,10 +5,16 @@ import pytest
 import torch
 
 from seeds import generator
-from trainer.networks.detail import WINDOWS, detail
-from trainer.networks.front import LIMIT, SCALE, FrontNet, FrontNetConfig
+from trainer.networks.back import WINDOWS as BACK_WINDOWS
+from trainer.networks.detail import LIMIT, SCALE
+from trainer.networks.detail import detail as detail_of
+from trainer.networks.front import WINDOWS, FrontNet, FrontNetConfig
 
 MARGIN = max(WINDOWS) // 2
+
+
+def detail(depth, mask, windows=WINDOWS):
+    return detail_of(depth, mask, windows)
 
 
 def plane(rows, columns, slope=(0.0, 0.0), dtype=torch.float32):
@@ -38,14 +44,15 @@ def reference(depth, mask, margin):
     return found
 
 
+@pytest.mark.parametrize("windows", [WINDOWS, BACK_WINDOWS], ids=["front", "back"])
 @pytest.mark.parametrize("size", [(53, 37), (8, 5), (1, 7), (9, 1), (1, 1)])
-def test_the_slow_mean_agrees_at_any_size(size):
+def test_the_slow_mean_agrees_at_any_size(size, windows):
     depth, mask = drawn(2, *size, 0.1)
-    found = detail(depth, mask)
-    assert found.shape == (2, len(WINDOWS), *size)
+    found = detail(depth, mask, windows)
+    assert found.shape == (2, len(windows), *size)
     assert found.dtype == depth.dtype
     for k in range(2):
-        for channel, window in enumerate(WINDOWS):
+        for channel, window in enumerate(windows):
             slow = reference(depth[k, 0].numpy(), mask[k, 0].numpy(), window // 2)
             np.testing.assert_allclose(found[k, channel].numpy(), slow, rtol=0, atol=1e-9)
 
