@@ -26,6 +26,7 @@ from scipy.ndimage import distance_transform_edt, median_filter
 from torch import Tensor
 from tqdm import tqdm
 
+from shards.splits import Split
 from trainer import checkpoint
 from trainer.errors import means, sums
 from trainer.learner import load
@@ -114,6 +115,13 @@ def measure(
     return millimetres, degrees
 
 
+def whole(data: Path, split: Split, least: tuple[int, int] = (16, 16)) -> Views:
+    """The views of a split as they are, whole people in crops no smaller than `least`."""
+    views = Views(data, split, ViewsConfig(size=least), varied=False)
+    views.show_whole()
+    return views
+
+
 def samples(views: Views, every: int = 1) -> Iterable[Sample]:
     """Every so manieth view, as a batch of one."""
     for index in range(0, len(views), every):
@@ -155,36 +163,40 @@ def main() -> None:
     options = parser.parse_args()
     if options.picture is not None and options.front is None and options.back is None:
         parser.error("--picture shows what a checkpoint makes; give --front or --back too")
-    train, test = (
-        Views(options.data, split, ViewsConfig(), varied=False) for split in ("train", "test")
-    )
-    for views in (train, test):
-        views.resize(views.extent())
+    train, test = (whole(options.data, split) for split in ("train", "test"))
     print(f"{len(test)} views of {len(test.subjects)} test subjects")
     given = {"front": options.front, "back": options.back}
     learners = {side: load(path) for side, path in given.items() if path is not None}
+    seen = dict.fromkeys(given, test)
     for side, learner in learners.items():
         if learner.branch.side != side:
             parser.error(f"--{side}: {given[side]} is of the {learner.branch.side} branch")
-        learned = checkpoint.load(given[side]).data["config_sha256"]
-        if learned != test.dataset.description["config_sha256"]:
+        learned = checkpoint.load(given[side])
+        seen[side] = whole(options.data, "test", tuple(learned.config["views"]["size"]))
+        if learned.data["config_sha256"] != test.dataset.description["config_sha256"]:
             print(f"{given[side]} learned from another dataset: perhaps from these people too")
     fronts: dict[str, Denoise] = {"the sensor": lambda sample: sample.sensor}
     fronts |= {str(found): found for found in (tuned(MEDIANS, train), tuned(BILATERALS, train))}
     if "front" in learners:
         fronts["the front branch"] = learners["front"].predict
-    show("front", {name: measure(each, samples(test)) for name, each in fronts.items()})
+    show("front", {name: measure(each, samples(seen["front"])) for name, each in fronts.items()})
     backs: dict[str, Denoise] = {"the body": lambda sample: sample.coarse}
     if "back" in learners:
         backs["the back branch"] = learners["back"].predict
     for title, own in (("back", False), ("back, where the body is", True)):
-        rows = {name: measure(each, samples(test), "back", own) for name, each in backs.items()}
+        views = seen["back"]
+        rows = {name: measure(each, samples(views), "back", own) for name, each in backs.items()}
         show(title, rows)
     if options.picture is not None:
-        firsts = list(samples(test, len(test) // len(test.subjects)))
-        some = Sample(*map(torch.cat, zip(*firsts[:SHOWN], strict=True)))
-        page = np.concatenate([picture(learner, some) for learner in learners.values()])
-        Image.fromarray(page).save(options.picture)
+        pages = []
+        for side, learner in learners.items():
+            firsts = list(samples(seen[side], len(test) // len(test.subjects)))[:SHOWN]
+            pages.append(picture(learner, Sample(*map(torch.cat, zip(*firsts, strict=True)))))
+        width = max(page.shape[1] for page in pages)
+        wide = [
+            np.pad(p, ((0, 0), (0, width - p.shape[1]), (0, 0)), constant_values=255) for p in pages
+        ]
+        Image.fromarray(np.concatenate(wide)).save(options.picture)
 
 
 if __name__ == "__main__":

@@ -14,10 +14,12 @@ ERROR_MM = 20.0
 """Depth's error that is white; black is none."""
 ERROR_DEG = 45.0
 """The normals' likewise."""
+MARGIN = 6
+"""Pixels round the people, at most."""
 
 
 def picture(learner: Learner, batch: Sample) -> np.ndarray:
-    """(B x H, 7 x W, 3) uint8: a row for each view.
+    """(B x h, 7 x w, 3) uint8: a row for each view, h and w pixels of which the people need.
 
     From left to right: colour; the normals of the given, the predicted and the true depth; depth's
     error as given and as predicted, up to `ERROR_MM`; the predicted normals' error, up to
@@ -34,9 +36,19 @@ def picture(learner: Learner, batch: Sample) -> np.ndarray:
         *(_colors(surface.normal, mask) for surface in (given, predicted, true)),
         *(_grey(error, mask) for error in (*off, turned)),
     ]
-    rows = torch.cat([tile.float().cpu() for tile in tiles], dim=3)  # (B, 3, H, 7 W)
+    used = mask.any(dim=0)[0].cpu()
+    needed = (..., _extent(used.any(dim=1)), _extent(used.any(dim=0)))
+    rows = torch.cat([tile.float().cpu()[needed] for tile in tiles], dim=3)  # (B, 3, h, 7 w)
     page = torch.cat(list(rows), dim=1).permute(1, 2, 0)
     return (255 * page.clamp(0, 1)).round().to(torch.uint8).numpy()
+
+
+def _extent(used: Tensor) -> slice:
+    """From the first to the last, and a margin; all where there is none."""
+    places = used.nonzero()
+    if not len(places):
+        return slice(None)
+    return slice(max(int(places[0]) - MARGIN, 0), int(places[-1]) + 1 + MARGIN)
 
 
 def _colors(normal: Tensor, mask: Tensor) -> Tensor:

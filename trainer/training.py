@@ -131,8 +131,7 @@ class Training:
                     "build it with fits, or give branch.source sensor"
                 )
         # Whole people are measured, however small the crops are that are learned from.
-        rows, columns = map(max, self.test_views.extent(), views.size)
-        self.test_views.resize((rows, columns))
+        self.test_views.show_whole()
         self.data = _identity(self.train_views, self.test_views)
         self.history: list[Figures] = []
         found = self._found()

@@ -133,6 +133,13 @@ class Views(TorchDataset):
         """Crop to another size from now on."""
         self.config = replace(self.config, size=size)
 
+    def show_whole(self) -> None:
+        """Crop so that every person is whole, and no smaller than is configured: networks see
+        where a crop ends, so those that learned from large crops predict worse on smaller ones.
+        """
+        rows, columns = map(max, self.extent(), self.config.size)
+        self.resize((rows, columns))
+
     @property
     def epoch(self) -> int:
         """Of the variation."""

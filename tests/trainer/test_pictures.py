@@ -16,7 +16,7 @@ from trainer.learner import Learner
 from trainer.networks.back import BackNetConfig
 from trainer.networks.discriminator import DiscriminatorConfig
 from trainer.networks.front import FrontNetConfig
-from trainer.pictures import ERROR_DEG, ERROR_MM, picture
+from trainer.pictures import ERROR_DEG, ERROR_MM, MARGIN, picture
 from trainer.views import DepthRange, Sample
 
 FRONT = Front(net=FrontNetConfig(width=8))
@@ -103,6 +103,28 @@ def test_a_row_for_each_view_and_seven_tiles_in_it() -> None:
     assert page.shape == (VIEWS * ROWS, len(TILES) * COLUMNS, 3)
     assert page.dtype == np.uint8
     assert len(TILES) == 7
+
+
+@pytest.mark.parametrize("empty", [False, True])
+def test_no_more_is_shown_than_the_people_need(empty: bool) -> None:
+    small = batch(planes(TRUE) + 0.01)
+    if empty:
+        small = small._replace(mask=torch.zeros_like(small.mask))
+    wide = MARGIN - BORDER + 30
+
+    def padded(margin: int) -> np.ndarray:
+        maps = {
+            name: torch.nn.functional.pad(each, [margin] * 4) if each.ndim == 4 else each
+            for name, each in small._asdict().items()
+        }
+        made = Learner(FRONT, DepthRange(1.0, 3.0), 1e-3)
+        made.predict = lambda each: each.sensor  # type: ignore[method-assign]
+        return picture(made, Sample(**maps))
+
+    if empty:
+        assert (padded(wide) == 255).all()
+    else:
+        np.testing.assert_array_equal(padded(wide), padded(MARGIN - BORDER))
 
 
 def test_all_is_white_outside_the_silhouette_and_colour_as_it_is_inside() -> None:

@@ -260,6 +260,16 @@ def test_the_extent_is_the_largest_silhouettes(data: Path) -> None:
         assert views[index].mask.sum() == mask_of(views, index).sum()
 
 
+@pytest.mark.parametrize("least", [(16, 16), (300, 16), (300, 400)])
+def test_whole_people_are_shown_in_crops_no_smaller_than_configured(
+    data: Path, least: tuple[int, int]
+) -> None:
+    views = Views(data, "train", ViewsConfig(size=least), varied=False)
+    rows, columns = views.extent()
+    views.show_whole()
+    assert views.config.size == (max(rows, least[0]), max(columns, least[1]))
+
+
 def test_another_size_holds_from_then_on(data: Path) -> None:
     views = plain(data)
     before = views[2]
