@@ -82,6 +82,7 @@ def test_it_trains_shows_and_keeps_what_it_says(data: Path, tmp_path: Path, name
     for tag in ("loss/depth", "depth/mm", "normal/deg", "waiting"):
         values = [event.value for event in board.Scalars(tag)]
         assert values == pytest.approx([of[tag.replace("/", "_")] for of in figures], rel=1e-5)
+    assert [event.step for event in board.Images("test")] == [0, 1]
     with Image.open(run / "test.png") as image:
         shown = np.asarray(image)
     rows, columns = shown.shape[0] // 2, shown.shape[1] // 7

@@ -12,7 +12,7 @@ from trainer.networks.blocks import Decoder, Encoder, check_maps, check_width, i
 from trainer.networks.detail import detail, visible
 
 CORRECTION = 0.02
-"""Normalised depth that the network's output of 1 corrects: about a centimetre.
+"""Normalised depth that the network's output of 1 corrects: some 15 mm.
 
 Adam's first steps change an output by about its rate times the layer's features, a tenth or so;
 in normalised depth that would be many times the noise that is to be taken away.
