@@ -29,7 +29,7 @@ from tqdm import tqdm
 from shards.splits import Split
 from trainer import checkpoint
 from trainer.errors import means, sums
-from trainer.learner import load
+from trainer.learner import Learner, load
 from trainer.losses import Surface
 from trainer.normals import Side, normals
 from trainer.pictures import picture
@@ -153,6 +153,20 @@ def show(title: str, rows: dict[str, tuple[float, float]]) -> None:
         print(f"{name:44}{off[0]:10.3f}{shares[0]:9.1%}{off[1]:14.2f}{shares[1]:9.1%}")
 
 
+def drawn(learner: Learner, views: Views) -> np.ndarray:
+    """The first views of the first subjects, as `picture` has them."""
+    firsts = list(samples(views, len(views) // len(views.subjects)))[:SHOWN]
+    return picture(learner, Sample(*map(torch.cat, zip(*firsts, strict=True))))
+
+
+def stacked(pages: Sequence[np.ndarray]) -> Image.Image:
+    """One above the other, white beside the narrower ones."""
+    width = max(page.shape[1] for page in pages)
+    sides = (((0, 0), (0, width - page.shape[1]), (0, 0)) for page in pages)
+    wide = [np.pad(p, side, constant_values=255) for p, side in zip(pages, sides, strict=True)]
+    return Image.fromarray(np.concatenate(wide))
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -188,15 +202,8 @@ def main() -> None:
         rows = {name: measure(each, samples(views), "back", own) for name, each in backs.items()}
         show(title, rows)
     if options.picture is not None:
-        pages = []
-        for side, learner in learners.items():
-            firsts = list(samples(seen[side], len(test) // len(test.subjects)))[:SHOWN]
-            pages.append(picture(learner, Sample(*map(torch.cat, zip(*firsts, strict=True)))))
-        width = max(page.shape[1] for page in pages)
-        wide = [
-            np.pad(p, ((0, 0), (0, width - p.shape[1]), (0, 0)), constant_values=255) for p in pages
-        ]
-        Image.fromarray(np.concatenate(wide)).save(options.picture)
+        pages = [drawn(learner, seen[side]) for side, learner in learners.items()]
+        stacked(pages).save(options.picture)
 
 
 if __name__ == "__main__":

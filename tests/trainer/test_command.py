@@ -23,7 +23,6 @@ from trainer import checkpoint
 from trainer.branch import Back
 from trainer.networks.vgg import VGG19
 from trainer.record import from_record
-from trainer.views import Sample
 
 ROOT = Path(__file__).parents[2]
 FRONT, BACK = (ROOT / "configs" / f"train_{name}_cpu.yaml" for name in ("front", "back"))
@@ -179,7 +178,7 @@ def test_ctrl_c_in_a_terminal_leaves_no_process_and_says_little(data: Path, tmp_
         command(*arguments), stderr=subprocess.PIPE, text=True, start_new_session=True
     )
     deadline = time.monotonic() + 200
-    while _epochs(run) < 2:
+    while _epochs(run) < 3:  # an epoch is told before it is kept
         assert process.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.05)
@@ -192,7 +191,7 @@ def test_ctrl_c_in_a_terminal_leaves_no_process_and_says_little(data: Path, tmp_
     while _is_there(process.pid):
         assert time.monotonic() < deadline
         time.sleep(0.05)
-    assert len(checkpoint.load(run / "checkpoint.pt").metrics) >= 1  # told before it is kept
+    assert len(checkpoint.load(run / "checkpoint.pt").metrics) >= 2
 
 
 def _is_there(group: int) -> bool:
@@ -201,10 +200,6 @@ def _is_there(group: int) -> bool:
     except ProcessLookupError:
         return False
     return True
-
-
-def batch_of(sample: Sample) -> Sample:
-    return Sample(*(part[None] for part in sample))
 
 
 def _epochs(run: Path) -> int:

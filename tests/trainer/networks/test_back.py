@@ -86,6 +86,18 @@ def test_maps_of_another_shape_are_refused():
         BackNet(BackNetConfig(8), 4)(coarse(16, 16, 4), coarse(16, 16, 4), whole(coarse(16, 16)))
 
 
+def test_what_is_corrected_is_not_seen_without_detail():
+    network = BackNet(BackNetConfig(8, detail=False), 1)
+    for weight in network.parameters():
+        torch.nn.init.normal_(weight, std=0.1)
+    maps, given = coarse(32, 32), coarse(32, 32) / 2
+    with torch.no_grad():
+        one, other = (network(maps, depth, whole(depth)) for depth in (given, given + 0.25))
+    assert not torch.equal(one[0], given)
+    torch.testing.assert_close(other[0] - one[0], torch.full_like(given, 0.25))
+    assert torch.equal(one[1], other[1])
+
+
 def test_depth_itself_is_not_seen_but_its_detail_is():
     network = BackNet(BackNetConfig(8), 1)
     for weight in network.parameters():
