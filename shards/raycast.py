@@ -2,22 +2,21 @@
 
 The renderer has no part in it: the hits come from Embree, and which vertices are one, the
 similarity to the world, the camera's rays, depths and normals are worked out here again, in
-double precision on the triangles that were hit. An OBJ file is parsed by `shards.wavefront`. For
-PLY, glTF and STL files the parser is trimesh's, as it is for the surfaces that are rendered: a
-fault in it would show on both sides and so remain unseen.
+double precision on the triangles that were hit. Files are read by `shards.geometry`: a fault of
+trimesh's parsers for PLY, glTF and STL would show on both sides and so remain unseen.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
-import trimesh
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from shards.wavefront import read_obj
+from shards.geometry import read_geometry
 
 _CLEARANCE = 0.1
 """Metres between the rays' start and the surface: near, for single precision's sake."""
@@ -43,31 +42,52 @@ class Hits:
 
 
 class Surface:
-    """A mesh file in the subject's world, ready for rays; its tree is built once.
+    """Triangles in the subject's world, ready for rays; their tree is built once.
 
     Args:
-        path: an OBJ file, or any other that trimesh reads.
-        mesh_to_world: (4, 4) similarity from the file's coordinates to metres.
+        vertices: (N, 3) metres.
+        faces: (F, 3) int.
+        shared: (N,) index of the vertex that each is one with, for normals; by default none are.
 
     Raises:
-        ValueError: if the file cannot be parsed or holds no triangles; one line that names it.
-        OSError: if it cannot be opened.
+        ValueError: vertices are not finite.
     """
 
-    def __init__(self, path: Path, mesh_to_world: np.ndarray) -> None:
-        vertices, faces, own_normals = _read_mesh(path)
-        # Merged by the file's own numbers, before the similarity rounds them.
-        shared = _merge(vertices, own_normals)
-        self._vertices = vertices @ mesh_to_world[:3, :3].T + mesh_to_world[:3, 3]
-        if not np.abs(self._vertices).max() <= np.finfo(np.float32).max:
-            raise ValueError(f"{path} has vertices that are not finite")
-        self._faces = faces
-        extent = np.array([self._vertices.min(axis=0), self._vertices.max(axis=0)])
+    def __init__(
+        self, vertices: np.ndarray, faces: np.ndarray, shared: np.ndarray | None = None
+    ) -> None:
+        if not np.abs(vertices).max() <= np.finfo(np.float32).max:
+            raise ValueError("vertices that are not finite")
+        self._vertices, self._faces = vertices, faces
+        extent = np.array([vertices.min(axis=0), vertices.max(axis=0)])
         self._box = np.array([extent[corner, (0, 1, 2)] for corner in np.ndindex(2, 2, 2)])
-        self._plane = _planes(self._vertices, faces)
-        self._normals = _vertex_normals(self._vertices, faces, self._plane, shared)
+        self._plane = _planes(vertices, faces)
+        shared = np.arange(len(vertices)) if shared is None else shared
+        self._normals = _vertex_normals(vertices, faces, self._plane, shared)
         self._scene = EmbreeScene(robust=True)
-        TriangleMesh(self._scene, self._vertices.astype(np.float32), faces.astype(np.int32))
+        TriangleMesh(self._scene, vertices.astype(np.float32), faces.astype(np.int32))
+
+    @classmethod
+    def read(cls, path: Path, mesh_to_world: np.ndarray) -> Self:
+        """A mesh file's surface.
+
+        Args:
+            path: an OBJ file, or any other that trimesh reads.
+            mesh_to_world: (4, 4) similarity from the file's coordinates to metres.
+
+        Raises:
+            ValueError: if the file cannot be parsed or holds no triangles, or vertices that are
+                not finite; one line that names it.
+            OSError: if it cannot be opened.
+        """
+        vertices, faces, own_normals = read_geometry(path)
+        # Merged by the file's own numbers, before the similarity rounds them.
+        shared = merged(vertices, own_normals)
+        placed = vertices @ mesh_to_world[:3, :3].T + mesh_to_world[:3, 3]
+        try:
+            return cls(placed, faces, shared)
+        except ValueError as error:
+            raise ValueError(f"{path} has {error}") from None
 
     def bounds(self, camera_to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner in the camera's frame, metres, (3,) each."""
@@ -118,47 +138,7 @@ class Surface:
         return distance, _unit(normal)
 
 
-def _read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices (N, 3), triangles (F, 3) and the file's own normals (N, 3), 0 where it has none.
-
-    The normals tell which vertices are one; their frame is their part's.
-    """
-    try:
-        vertices, faces, normals = (read_obj if path.suffix.lower() == ".obj" else _read_any)(path)
-    except OSError:
-        raise
-    except Exception as error:  # a parser meets damage in too many ways to list
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise ValueError(f"{path} is damaged or no surface ({reason})") from error
-    if len(faces) == 0:
-        raise ValueError(f"{path} holds no triangles")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise ValueError(f"{path} is damaged: a face names a vertex that it does not have")
-    used, faces = np.unique(faces, return_inverse=True)
-    normals = np.where(np.isfinite(normals), normals, 0)
-    return vertices[used], faces.reshape(-1, 3), normals[used]
-
-
-def _read_any(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same by trimesh's parser, every part where the file's scene graph puts it."""
-    scene = trimesh.load_scene(path, process=False, skip_materials=True)
-    vertices, faces, normals = [np.empty((0, 3))], [np.empty((0, 3), int)], [np.empty((0, 3))]
-    count = 0
-    for node in scene.graph.nodes_geometry:
-        placed, name = scene.graph[node]
-        part = scene.geometry[name]
-        if not isinstance(part, trimesh.Trimesh) or len(part.faces) == 0:
-            continue
-        # trimesh makes up the normals that a file lacks; only its cache tells which are given.
-        given = "vertex_normals" in part._cache
-        vertices.append(np.asarray(part.vertices) @ placed[:3, :3].T + placed[:3, 3])
-        normals.append(np.array(part.vertex_normals) if given else np.zeros_like(vertices[-1]))
-        faces.append(np.asarray(part.faces) + count)
-        count += len(vertices[-1])
-    return np.concatenate(vertices), np.concatenate(faces), np.concatenate(normals)
-
-
-def _merge(vertices: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def merged(vertices: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """(N,) index of the shared vertex: one for equal positions whose own normals agree."""
     order = np.lexsort(vertices.T)
     moved = np.any(np.diff(vertices[order], axis=0) != 0, axis=1)

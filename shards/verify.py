@@ -288,7 +288,7 @@ class _SubjectCheck:
             files = {**meta.get("files", {}), meta["mesh"]: meta["mesh_sha256"]}
             if meta[key] in files and file_sha256(path) != files[meta[key]]:
                 self.breach(f"{path} has another sha256 than meta says; run the build again")
-            return Surface(path, np.array(shard.meta["mesh_to_world"], dtype=np.float64))
+            return Surface.read(path, np.array(shard.meta["mesh_to_world"], dtype=np.float64))
         except FileNotFoundError:
             self.breach(f"meta.{key}: {path} is missing; run the build again")
         except OSError as error:

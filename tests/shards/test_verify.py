@@ -270,7 +270,7 @@ def test_a_pixel_on_the_edge_may_fall_on_either_side(build, arrays, meta):
     def surface(shift):
         moved = np.array(meta["mesh_to_world"])
         moved[1, 3] -= shift
-        return Surface(folder / "subjects" / "box.obj", moved)
+        return Surface.read(folder / "subjects" / "box.obj", moved)
 
     def covered(shift):
         return 0.5 - float(surface(shift).cast(np.array([[x, y]]), camera, -1).hit[0])
@@ -449,7 +449,7 @@ def test_rays_on_a_sphere(sphere, kind, towards):
         write_obj(path, mesh.vertices, mesh.faces, uv=kind == "seams")
     camera = camera_to_world(33.0, 2.0, 0.9)
     x, y = np.random.default_rng(5).uniform(-0.55, 0.55, (2, 4000))
-    hits = Surface(path, np.eye(4)).cast(np.column_stack([x, y]), camera, towards)
+    hits = Surface.read(path, np.eye(4)).cast(np.column_stack([x, y]), camera, towards)
     # In the camera's frame the centre stands at (0, 0.1, -2).
     square = 0.25 - x**2 - (y - 0.1) ** 2
     clear = np.abs(square) > 2e-3
@@ -466,7 +466,7 @@ def test_rays_on_a_sphere(sphere, kind, towards):
 def test_inside_out_faces_give_normals_towards_the_viewer(sphere):
     mesh, path = sphere
     write_obj(path, mesh.vertices, mesh.faces[:, ::-1])
-    hits = Surface(path, np.eye(4)).cast(np.array([[0.0, 0.1]]), camera_to_world(0, 2, 0.9), -1)
+    hits = Surface.read(path, np.eye(4)).cast(np.array([[0.0, 0.1]]), camera_to_world(0, 2, 0.9), -1)
     np.testing.assert_allclose(hits.normal, [[0, 0, 1]], atol=1e-3)
 
 
