@@ -22,8 +22,6 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser
 
-    from engine.sweep import SweepConfig
-
 DONE, FAILURES, WRONG, INTERRUPTED = 0, 1, 2, 130
 
 
@@ -57,6 +55,8 @@ def _run(given: list[str]) -> int:
         "verify": (_add_verify, _verify),
         "sweep": (_add_sweep, _sweep),
         "train": (_add_train, _train),
+        "reconstruct": (_add_reconstruct, _reconstruct),
+        "evaluate": (_add_evaluate, _evaluate),
     }
     parser = ArgumentParser(
         prog="pipeline.py",
@@ -131,6 +131,9 @@ def _explain(error: Exception, children: dict[str, ArgumentParser], given: list[
     return " ".join((f"{file}: {message}" if file else message).split())
 
 
+_KEPT = "build|sweep|train|reconstruct|evaluate|experiment"
+"""Where the parser keeps the options of commands."""
+
 _TYPES = {"int": "a whole number", "float": "a number", "str": "text", "bool": "true or false"}
 
 _WORDS = {
@@ -165,7 +168,7 @@ def _cure(message: str, parser: ArgumentParser | None) -> str:
     head, required, names = message.partition("are required: ")
     # The parser names the first by its option and the others by where it keeps them.
     message = (
-        head + required + re.sub(r"\b(?:build|sweep|train)\.", "--", names.replace("verify.", ""))
+        head + required + re.sub(rf"\b(?:{_KEPT})\.", "--", names.replace("verify.", ""))
     )
     given = r"^(\w+):\s.*NestedArg\(key='(\w+)', val='?(.*?)'?\)"
     nested = re.search(given, message, re.DOTALL)
@@ -263,7 +266,9 @@ def _faulty_config(parser: ArgumentParser | None, given: list[str]) -> str | Non
         try:
             made = parser.instantiate(parser.parse_args([*files, *folders]))
             if given[0] == "sweep":
-                _sweep_config(made)
+                from engine.sweep import SweepConfig
+
+                _of(SweepConfig, made)
         except (argparse.ArgumentError, ValueError):
             return name
     return None
@@ -360,22 +365,15 @@ def _add_sweep(parser: ArgumentParser) -> None:
 
 def _sweep(parser: ArgumentParser, parsed: Any) -> int:
     """Photograph a dataset under many light powers, from one render of its light."""
-    from engine.sweep import Sweep, sweep
+    from engine.sweep import Sweep, SweepConfig, sweep
 
     given = parsed.sweep.as_dict()
     with _users_errors():
-        config = _sweep_config(parser.instantiate(parsed).sweep)
+        config = _of(SweepConfig, parser.instantiate(parsed).sweep)
         work = Sweep(config, Path(given["data"]), Path(given["output"]))
     _on_interrupt(signal.default_int_handler)
     with work, _users_errors():
         return DONE if sweep(work, given["jobs"]) else FAILURES
-
-
-def _sweep_config(made: Any) -> SweepConfig:
-    """Of what the parser made."""
-    from engine.sweep import SweepConfig
-
-    return SweepConfig(**{field.name: made[field.name] for field in fields(SweepConfig)})
 
 
 def _add_train(parser: ArgumentParser) -> None:
@@ -404,12 +402,11 @@ def _train(parser: ArgumentParser, parsed: Any) -> int:
     from trainer.training import CHECKPOINT, DivergedError, TrainConfig, Training
 
     given = parsed.train.as_dict()
-    names = [field.name for field in fields(TrainConfig)]
     training: Training | None = None
     try:
         with _users_errors():
             made = parser.instantiate(parsed).train
-            config = TrainConfig(**{name: made[name] for name in names})
+            config = _of(TrainConfig, made)
             folders = Path(given["data"]), Path(given["output"])
             training = Training(config, *folders, given["workers"], given["device"])
         _on_interrupt(signal.default_int_handler)
@@ -426,6 +423,90 @@ def _train(parser: ArgumentParser, parsed: Any) -> int:
         training = None  # what it shares with other processes goes before they part
         processes.leave()
     return DONE
+
+
+def _add_reconstruct(parser: ArgumentParser) -> None:
+    from jsonargparse import ActionConfigFile, set_parsing_settings
+
+    from engine.frame import FrameFiles
+    from engine.reconstruct import ReconstructConfig, Views
+
+    set_parsing_settings(docstring_parse_attribute_docstrings=True)
+    parser.add_argument("--config", action=ActionConfigFile, help="YAML file")
+    parser.add_argument("--data", type=str | None, help="folder of the dataset")
+    parser.add_argument(
+        "--output", type=str, required=True, help="folder of the meshes; of a frame, its mesh"
+    )
+    parser.add_argument("--device", type=str, default="cpu", help="where the networks are: cuda")
+    parser.add_class_arguments(ReconstructConfig)
+    parser.add_class_arguments(Views)
+    parser.add_class_arguments(FrameFiles, "frame")
+
+
+def _reconstruct(parser: ArgumentParser, parsed: Any) -> int:
+    """Make meshes of a dataset's views, or of one capture of a depth camera."""
+    from engine.reconstruct import (
+        ReconstructConfig,
+        Views,
+        reconstruct,
+        reconstruct_frame,
+    )
+
+    given = parsed.reconstruct.as_dict()
+    with _users_errors():
+        made = parser.instantiate(parsed).reconstruct
+        config = _of(ReconstructConfig, made)
+        framed = made.frame.rgb is not None or made.frame.depth is not None
+        if framed == (given["data"] is not None):
+            raise ValueError("give --data, or --frame.rgb and --frame.depth")
+        _on_interrupt(signal.default_int_handler)
+        output = Path(given["output"])
+        if framed:
+            print(reconstruct_frame(made.frame, output, config, given["device"]))
+            return DONE
+        views = _of(Views, made)
+        done = reconstruct(Path(given["data"]), output, config, views, given["device"])
+        return DONE if done else FAILURES
+
+
+def _add_evaluate(parser: ArgumentParser) -> None:
+    from jsonargparse import ActionConfigFile, set_parsing_settings
+    from jsonargparse.typing import PositiveInt
+
+    from engine.evaluate import EvaluateConfig
+
+    set_parsing_settings(docstring_parse_attribute_docstrings=True)
+    parser.add_argument("--config", action=ActionConfigFile, help="YAML file")
+    parser.add_argument("--data", type=str, required=True, help="folder of the dataset")
+    parser.add_argument("--meshes", type=str, required=True, help="folder of a method's meshes")
+    parser.add_argument("--name", type=str, default="ours", help="the method's, in the table")
+    parser.add_argument("--output", type=str, required=True, help="folder of the results")
+    parser.add_argument("--subjects", type=list[str] | None, help="only meshes of these")
+    parser.add_argument(
+        "--jobs", type=PositiveInt | None, help="worker processes (default: one per processor)"
+    )
+    parser.add_class_arguments(EvaluateConfig)
+
+
+def _evaluate(parser: ArgumentParser, parsed: Any) -> int:
+    """Measure a folder of meshes, by whatever method, against a dataset's surfaces."""
+    from engine.evaluate import EvaluateConfig, evaluate
+
+    given = parsed.evaluate.as_dict()
+    with _users_errors():
+        config = _of(EvaluateConfig, parser.instantiate(parsed).evaluate)
+        folders = (Path(given[key]) for key in ("data", "meshes", "output"))
+        _on_interrupt(signal.default_int_handler)
+        found = evaluate(*folders, given["name"], config, given["jobs"], given["subjects"])
+    for file, why in sorted(found.left_out.items()):
+        print(f"left out {file}: {why}", file=sys.stderr)
+    print(found.told(config.convention))
+    return FAILURES if found.left_out or not found.scores else DONE
+
+
+def _of(kind: type, made: Any) -> Any:
+    """A dataclass whose fields are options of a command, from what the parser made."""
+    return kind(**{field.name: made[field.name] for field in fields(kind)})
 
 
 if __name__ == "__main__":

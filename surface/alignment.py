@@ -6,6 +6,7 @@ import numpy as np
 
 from surface.distances import nearest, sample
 from surface.mesh import TriangleMesh
+from surface.truth import Truth
 
 POINTS = 4000
 """Of each surface."""
@@ -34,18 +35,19 @@ def best_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     return result
 
 
-def align(mesh: TriangleMesh, truth: TriangleMesh, rng: np.random.Generator) -> np.ndarray:
+def align(mesh: TriangleMesh, truth: Truth, rng: np.random.Generator) -> np.ndarray:
     """(4, 4) similarity that lays a mesh onto the truth, which it already lies near.
 
     Iterated nearest points, from both surfaces to the other: from one alone a mesh would shrink
     into the truth, or swell over it.
     """
-    own, true = sample(mesh, POINTS, rng), sample(truth, POINTS, rng)
+    own = sample(mesh, POINTS, rng)
+    true = truth.points[:: max(len(truth.points) // POINTS, 1)]
     similarity, before = np.eye(4), np.inf
     for _ in range(ROUNDS):
         placed = mesh.transformed(similarity)
         moved = own @ similarity[:3, :3].T + similarity[:3, 3]
-        off, met = nearest(moved, truth)
+        off, met = nearest(moved, truth.mesh)
         back, found = nearest(true, placed)
         step = best_similarity(np.concatenate([moved, found]), np.concatenate([met, true]))
         now = float(off.mean() + back.mean())

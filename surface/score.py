@@ -15,14 +15,12 @@ from surface.alignment import align
 from surface.distances import nearest, sample
 from surface.mesh import SurfaceError, TriangleMesh
 from surface.normal_maps import SIZE, castable, encoded, normal_map
+from surface.truth import SAMPLES, Truth
 
 Convention = Literal["paper", "icon", "metric"]
 
 ANGLES_DEG = (0, 90, 180, 270)
 """From which normal maps are seen: the front, a side, the back, the other side."""
-
-SAMPLES = 50_000
-"""Points of each surface whose distance is measured."""
 
 ICON_HEIGHT = 2 * 180 / (0.4 * 512)
 """Of a truth in ICON's window from -1 to 1: its scans are scaled to 180 units, its camera has 0.4
@@ -89,7 +87,7 @@ class Score:
 
 def score(
     mesh: TriangleMesh,
-    truth: TriangleMesh,
+    truth: Truth,
     rng: np.random.Generator,
     convention: Convention = "paper",
     aligned: bool = False,
@@ -100,33 +98,30 @@ def score(
 
     Args:
         mesh: to be measured, y up, facing +z as the truth does.
-        truth: a surface in metres.
-        rng: of the points that are measured.
+        truth: in metres.
+        rng: of the mesh's points that are measured.
         convention: "paper" moves and scales both so that each fits its own box of side 1, whatever
             their units; "icon" scales the truth to ICON's height, and the mesh, which has to be in
             the truth's frame, alike; "metric" leaves metres, so that distances are centimetres.
         aligned: first lay the mesh onto the truth by the best similarity, its box onto the truth's
             to begin with.
-        samples: points of each surface.
+        samples: points of the mesh.
         size: pixels of the normal maps' sides.
 
     Raises:
         SurfaceError: one of them has no extent or no area.
     """
-    to_box = {which: unit_box(surface) for which, surface in (("mesh", mesh), ("truth", truth))}
-    placed, half = _placement(truth, to_box["truth"], convention)
+    own_box, true_box = unit_box(mesh), unit_box(truth.mesh)
+    placed, half = _placement(truth.mesh, true_box, convention)
     if aligned:
-        begin = np.linalg.inv(to_box["truth"]) @ to_box["mesh"]
-        begin = align(mesh.transformed(begin), truth, rng) @ begin
-        mesh_placed = placed @ begin
-    elif convention == "paper":
-        mesh_placed = to_box["mesh"]
+        begin = np.linalg.inv(true_box) @ own_box
+        moved = placed @ align(mesh.transformed(begin), truth, rng) @ begin
     else:
-        mesh_placed = placed
-    mesh, truth = mesh.transformed(mesh_placed), truth.transformed(placed)
-    there, _ = nearest(sample(truth, samples, rng), mesh)
-    back, _ = nearest(sample(mesh, samples, rng), truth)
-    surfaces = [castable(surface) for surface in (mesh, truth)]
+        moved = own_box if convention == "paper" else placed
+    mesh, truth = mesh.transformed(moved), truth.transformed(placed)
+    there, _ = nearest(truth.points, mesh)
+    back, _ = nearest(sample(mesh, samples, rng), truth.mesh)
+    surfaces = [castable(surface) for surface in (mesh, truth.mesh)]
     off = {}
     for angle in ANGLES_DEG:
         maps = [encoded(*normal_map(surface, angle, half, size)) for surface in surfaces]

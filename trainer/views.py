@@ -208,37 +208,20 @@ class Views(TorchDataset):
         rng = seeds.generator(self.seed, subject, "augment", view, self.epoch)
         mirrored = self.varied and self.config.flip and rng.random() < 0.5
         mask = shard["mask"][view]
-        crop = _Crop(mask, self.config.size, mirrored, rng if self.varied else None)
-
-        def person(image: np.ndarray) -> np.ndarray:
-            return image[crop.rectangle]
-
-        inside = person(mask)
-        read, body = (
-            np.where(inside, person(found), np.float32(0))
-            for found in (self._reading(shard, view), shard["body_depth_back"][view])
+        crop = Crop(mask, self.config.size, mirrored, rng if self.varied else None)
+        sample = cropped(
+            crop,
+            rgb=shard["rgb_front"][view],
+            sensor=self._reading(shard, view),
+            body_back=shard["body_depth_back"][view],
+            mask=mask,
+            front=shard["depth_front"][view],
+            back=shard["depth_back"][view],
+            pixel_size=shard.meta["camera"]["pixel_size"],
+            index=index,
         )
-        maps = {
-            "rgb": person(shard["rgb_front"][view]),
-            # What is missing is taken from the whole person, however small the crop.
-            "sensor": filled(read, inside),
-            "valid": read > 0,
-            "front": person(shard["depth_front"][view]),
-            "back": person(shard["depth_back"][view]),
-            "coarse": filled(body, inside),
-            "body": body > 0,
-            "mask": inside,
-        }
-        cut = {name: crop.cut(image) for name, image in maps.items()}
-        color = np.divide(cut.pop("rgb").transpose(2, 0, 1), np.float32(255), order="C")
         shard.close()  # a process may read more subjects than it may have files open
-        pixel_size = np.float32(shard.meta["camera"]["pixel_size"])
-        return Sample(
-            rgb=torch.from_numpy(color),
-            **{name: torch.from_numpy(image[None]) for name, image in cut.items()},
-            pixel_size=torch.tensor(pixel_size),
-            index=torch.tensor(index),
-        )
+        return sample
 
     def _place(self, index: int) -> tuple[int, int]:
         """The number of the subject, and that of the view among its views."""
@@ -261,7 +244,55 @@ class Views(TorchDataset):
         return 1_000_000 * (1 + self.seed) + self.epoch
 
 
-class _Crop:
+def cropped(
+    crop: Crop,
+    rgb: np.ndarray,
+    sensor: np.ndarray,
+    body_back: np.ndarray,
+    mask: np.ndarray,
+    front: np.ndarray,
+    back: np.ndarray,
+    pixel_size: float,
+    index: int,
+) -> Sample:
+    """A view as the networks take it.
+
+    Args:
+        crop: of the mask.
+        rgb: (H, W, 3) uint8 sRGB.
+        sensor, body_back, front, back: (H, W) float32 metres, 0 = none.
+        mask: (H, W) bool.
+        pixel_size: metres.
+        index: of the view in its dataset.
+    """
+
+    def person(image: np.ndarray) -> np.ndarray:
+        return image[crop.rectangle]
+
+    inside = person(mask)
+    read, body = (np.where(inside, person(found), np.float32(0)) for found in (sensor, body_back))
+    maps = {
+        "rgb": person(rgb),
+        # What is missing is taken from the whole person, however small the crop.
+        "sensor": filled(read, inside),
+        "valid": read > 0,
+        "front": person(front),
+        "back": person(back),
+        "coarse": filled(body, inside),
+        "body": body > 0,
+        "mask": inside,
+    }
+    cut = {name: crop.cut(image) for name, image in maps.items()}
+    color = np.divide(cut.pop("rgb").transpose(2, 0, 1), np.float32(255), order="C")
+    return Sample(
+        rgb=torch.from_numpy(color),
+        **{name: torch.from_numpy(image[None]) for name, image in cut.items()},
+        pixel_size=torch.tensor(np.float32(pixel_size)),
+        index=torch.tensor(index),
+    )
+
+
+class Crop:
     """A window of fixed size on a silhouette's rectangle; it may reach beyond it.
 
     Attributes:
@@ -296,11 +327,23 @@ class _Crop:
     def cut(self, image: np.ndarray) -> np.ndarray:
         """(h, w, ...) of a map of the rectangle, 0 beyond its border."""
         window = np.zeros((*self._size, *image.shape[2:]), dtype=image.dtype)
-        turned = window[:, :: self._step]
+        here, there = self._overlap(image.shape[:2])
+        window[:, :: self._step][here] = image[there]
+        return window
+
+    def laid_back(self, window: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+        """(H, W, ...) of the whole image, from a window; 0 outside of the rectangle and of it."""
+        image = np.zeros((*shape, *window.shape[2:]), dtype=window.dtype)
+        person = image[self.rectangle]
+        here, there = self._overlap(person.shape[:2])
+        person[there] = window[:, :: self._step][here]
+        return image
+
+    def _overlap(self, shape: tuple[int, ...]) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+        """Rows and columns of the window, and those of the rectangle, that are the same."""
         here, there = [], []
-        for axis, (start, length) in enumerate(zip(self._corner, self._size, strict=True)):
-            first, last = max(start, 0), min(start + length, image.shape[axis])
+        for start, length, side in zip(self._corner, self._size, shape, strict=True):
+            first, last = max(start, 0), min(start + length, side)
             there.append(slice(first, max(last, first)))
             here.append(slice(first - start, max(last, first) - start))
-        turned[tuple(here)] = image[tuple(there)]
-        return window
+        return tuple(here), tuple(there)
