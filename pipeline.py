@@ -57,6 +57,7 @@ def _run(given: list[str]) -> int:
         "train": (_add_train, _train),
         "reconstruct": (_add_reconstruct, _reconstruct),
         "evaluate": (_add_evaluate, _evaluate),
+        "experiment": (_add_experiment, _experiment),
     }
     parser = ArgumentParser(
         prog="pipeline.py",
@@ -502,6 +503,32 @@ def _evaluate(parser: ArgumentParser, parsed: Any) -> int:
         print(f"left out {file}: {why}", file=sys.stderr)
     print(found.told(config.convention))
     return FAILURES if found.left_out or not found.scores else DONE
+
+
+def _add_experiment(parser: ArgumentParser) -> None:
+    from jsonargparse import ActionConfigFile, set_parsing_settings
+
+    from experiments.config import ExperimentConfig
+    from experiments.run import EXPERIMENTS
+
+    set_parsing_settings(docstring_parse_attribute_docstrings=True)
+    parser.add_argument("name", type=str, choices=list(EXPERIMENTS), help="table or figure")
+    parser.add_argument("--config", action=ActionConfigFile, help="YAML file, see configs/")
+    parser.add_argument("--output", type=str, required=True, help="folder of the study")
+    parser.add_class_arguments(ExperimentConfig)
+
+
+def _experiment(parser: ArgumentParser, parsed: Any) -> int:
+    """Run one of the paper's tables or figures on open data, or go on with it."""
+    from experiments.config import ExperimentConfig
+    from experiments.run import experiment
+
+    given = parsed.experiment.as_dict()
+    with _users_errors():
+        config = _of(ExperimentConfig, parser.instantiate(parsed).experiment)
+        _on_interrupt(signal.default_int_handler)
+        print(experiment(given["name"], Path(given["output"]), config))
+    return DONE
 
 
 def _of(kind: type, made: Any) -> Any:

@@ -136,8 +136,9 @@ def _layers(
     same = near.there & far.there & ~room & (ground - roof > THINNEST)
     under, over = np.where(same, roof, under), np.where(same, ground, over)
     three = near.there & far.there & room
-    first = near.there & ~three
-    second = far.there & ~three & ~near.there
+    wider = near.ground - near.under >= far.ground - far.under
+    first = near.there & ~three & (~far.there | same | wider)
+    second = far.there & ~three & ~first
     parts = inside.astype(np.int64) + (first | second) + 2 * three
 
     def layered(stacks: tuple[np.ndarray, ...], front: np.ndarray, back: np.ndarray) -> np.ndarray:

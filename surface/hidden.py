@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import label
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, diags
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 REACH = 0.12
@@ -85,7 +86,7 @@ def behind(
     edge = region & (nearer | ~(joined | stepped)).any(axis=0)
     middle_there = front + _to_outline(front, joined, pixel_size)
     middle = _smooth(region, joined, edge * _ANCHORED, middle_there[..., None])[..., 0]
-    under = middle + np.maximum(middle - front, pixel_size)
+    under = front + np.maximum(2 * (middle - front), pixel_size)
 
     # Behind it goes on what is seen beyond the steps, unless that is a near part too.
     seen = nearer & ~np.stack([_moved(region, side) for side in SIDES])
@@ -101,6 +102,7 @@ def behind(
     beyond = _smooth(region, joined, weight * _ANCHORED, known)
     ground = beyond[..., 0]
     there = region & (ground - under > LEAST_GAP) & (back - ground > THINNEST)
+    there &= middle - front > -pixel_size  # what lies behind its outline's depth is no near part
     # A gap is open somewhere: one that no step leads into is none.
     pieces, _ = label(there)
     opened = np.unique(pieces[outline & there])
@@ -111,15 +113,16 @@ def behind(
 def _to_outline(front: np.ndarray, joined: np.ndarray, pixel_size: float) -> np.ndarray:
     """(H, W) metres from a pixel at the outline of a rounded part to the depth of its middle.
 
-    The outline passes half a pixel outside. A circle that has, half a pixel from its outline, the
-    slope s is half a pixel times s + sqrt(s^2 + 1) before its middle there.
+    The outline passes half a pixel outside. On a circle, half a pixel and one and a half from its
+    outline, depth differs by d pixels where the first is (d + sqrt(3 d^2 + 3)) / 2 pixels before
+    the circle's middle.
     """
     falls = [
         np.where(joined[(k + 2) % 4], front - _moved(front, SIDES[(k + 2) % 4]), 0)
         for k in range(4)
     ]
     slope = np.maximum(np.max(falls, axis=0), 0) / pixel_size
-    return pixel_size / 2 * (slope + np.sqrt(slope**2 + 1))
+    return pixel_size / 2 * (slope + np.sqrt(3 * slope**2 + 3))
 
 
 def _reached(start: np.ndarray, joined: np.ndarray, count: int) -> np.ndarray:
@@ -139,30 +142,27 @@ def _smooth(
     """(H, W, C): values as smooth as can be over a region, held at those that are known.
 
     The membrane: the least sum of squared differences of joined pixels, and of the weighted
-    squared differences from what is known. Outside the region it is 0.
+    squared differences from what is known. It is 0 outside the region and where nothing is known
+    of a whole piece of it.
     """
     number = np.full(region.shape, -1)
     count = int(region.sum())
     number[region] = np.arange(count)
-    rows, columns, entries = [], [], []
-    diagonal = weight[region].astype(np.float64) + 1e-9
+    pairs = []
     for k, side in enumerate(SIDES):
         other = _moved(number, side, fill=-1)
         pair = region & joined[k] & (other >= 0)
-        rows.append(number[pair])
-        columns.append(other[pair])
-        entries.append(np.full(len(rows[-1]), -1.0))
-        diagonal += np.bincount(rows[-1], minlength=count)
-    rows.append(np.arange(count))
-    columns.append(np.arange(count))
-    entries.append(diagonal)
-    matrix = coo_matrix(
-        (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))),
-        shape=(count, count),
-    ).tocsc()
-    right = (weight[region][:, None] + 1e-9) * known[region]
+        pairs.append((number[pair], other[pair]))
+    rows, columns = np.concatenate(pairs, axis=1)
+    links = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count)).tocsr()
+    _, piece = connected_components(links, directed=False)
+    held = weight[region].astype(np.float64)
+    found = np.bincount(piece, held)[piece] > 0
+    degree = np.bincount(rows, minlength=count)
+    matrix = diags(np.where(found, degree + held, degree + 1)) - links
+    right = np.where(found[:, None], held[:, None] * known[region], 0)
     result = np.zeros((*region.shape, known.shape[2]))
-    result[region] = splu(matrix).solve(right)
+    result[region] = splu(matrix.tocsc()).solve(right)
     return result
 
 

@@ -23,6 +23,9 @@ GAP_WEIGHT = 0.5
 _TURNS = ((0, 1), (-1, 0), (0, -1), (1, 0))
 """Rows and columns to the neighbour that a rim may bulge towards."""
 
+_EVEN = 1e-9
+"""Metres by which diagonals have to differ for one to be the better."""
+
 Chain = Sequence[np.ndarray]
 """(N,) codes of vertices, one array for each place along a line, the same line in N cells."""
 
@@ -234,7 +237,8 @@ class _Loom:
             return
         bend = [abs(self._depth[ring[k]] - self._depth[ring[k + 2]]) for k in (0, 1)]
         square = np.stack(ring, axis=1)
-        for turn, chosen in ((0, bend[0] <= bend[1]), (1, bend[0] > bend[1])):
+        first = bend[0] <= bend[1] + _EVEN
+        for turn, chosen in ((0, first), (1, ~first)):
             turned = np.roll(square[chosen], -turn, axis=1)
             self.faces += [turned[:, [0, 1, 2]], turned[:, [0, 2, 3]]]
 
@@ -246,12 +250,17 @@ class _Loom:
             self.faces.append(np.stack([center, one, other], axis=1))
 
     def _strip(self, left: Chain, right: Chain) -> None:
-        """Between two columns, which may begin and end in the same vertices."""
+        """Between two columns, which may begin and end in the same vertices.
+
+        Diagonals fall to the middle from both ends, so that the strip mirrored is a strip.
+        """
         for t in range(len(left) - 1):
-            if not np.array_equal(left[t], right[t]):
-                self.faces.append(np.stack([left[t], right[t], right[t + 1]], axis=1))
-            if not np.array_equal(left[t + 1], right[t + 1]):
-                self.faces.append(np.stack([left[t], right[t + 1], left[t + 1]], axis=1))
+            corners = [left[t], right[t], right[t + 1], left[t + 1]]
+            first = 0 if 2 * t < len(left) - 1 else 1
+            for triangle in ((0, 1, 2), (0, 2, 3)):
+                made = [corners[(first + k) % 4] for k in triangle]
+                if not any(np.array_equal(made[k], made[k - 1]) for k in range(3)):
+                    self.faces.append(np.stack(made, axis=1))
 
     def _mean(self, of: Chain) -> np.ndarray:
         """Codes of new vertices in the middle of others."""

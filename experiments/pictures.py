@@ -1,0 +1,138 @@
+"""What the figures are drawn from: surfaces as images, and pages of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from shards.atomic import atomic_write
+from shards.raycast import Surface
+from surface.cloud import lines_of_sight
+from surface.distances import nearest
+from surface.mesh import TriangleMesh
+from surface.normal_maps import castable, normal_map
+
+SIZE = 420
+"""Pixels of an image's side."""
+
+_LIGHT = np.array([0.3, 0.4, 0.85]) / np.linalg.norm([0.3, 0.4, 0.85])
+_MARGIN = 1.04
+
+
+def centered(mesh: TriangleMesh, like: TriangleMesh) -> tuple[TriangleMesh, float]:
+    """A mesh round the origin, moved as another one is to come there, and half a window's side."""
+    low, high = like.bounds
+    place = np.eye(4)
+    place[:3, 3] = -(low + high) / 2
+    return mesh.transformed(place), float((high - low).max()) / 2 * _MARGIN
+
+
+def shaded(surface: Surface, angle_deg: float, half: float, size: int = SIZE) -> np.ndarray:
+    """(size, size, 3) uint8: grey clay under a lamp beside the camera, on white."""
+    normals, hit = normal_map(surface, angle_deg, half, size)
+    light = 0.25 + 0.75 * np.clip(normals @ _LIGHT, 0, 1)
+    return _image(np.where(hit, light, 1)[..., None].repeat(3, axis=2))
+
+
+def normals_image(surface: Surface, angle_deg: float, half: float, size: int = SIZE) -> np.ndarray:
+    """(size, size, 3) uint8: the normal map, on white."""
+    normals, hit = normal_map(surface, angle_deg, half, size)
+    return _image(np.where(hit[..., None], (normals + 1) / 2, 1))
+
+
+def error_map(
+    mesh: TriangleMesh, truth: TriangleMesh, angle_deg: float, half: float, most: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far what is seen of a mesh is from the truth.
+
+    Args:
+        mesh, truth: round the origin, metres.
+        most: metres at which the colours end.
+
+    Returns:
+        (SIZE, SIZE, 3) uint8 on white, and the distances of the pixels hit, metres.
+    """
+    angle = np.radians(angle_deg)
+    camera = np.eye(4)
+    camera[:3, :3] = [
+        [np.cos(angle), 0, np.sin(angle)],
+        [0, 1, 0],
+        [-np.sin(angle), 0, np.cos(angle)],
+    ]
+    x, y = lines_of_sight((SIZE, SIZE), 2 * half / SIZE)
+    xy = np.stack([x.ravel(), y.ravel()], axis=1)
+    hits = castable(mesh).cast(xy, camera, -1)
+    points = np.column_stack([xy, hits.z])[hits.hit] @ camera[:3, :3].T
+    off, _ = nearest(points, truth)
+    image = np.ones((SIZE * SIZE, 3))
+    image[hits.hit] = colormaps["viridis"](np.clip(off / most, 0, 1))[:, :3]
+    return _image(image.reshape(SIZE, SIZE, 3)), off
+
+
+def cut_out(rgb: np.ndarray, mask: np.ndarray, half_pixels: int) -> np.ndarray:
+    """(SIZE, SIZE, 3) uint8: a view's person on white, in a square of twice `half_pixels`."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    middle = (rows[0] + rows[-1]) // 2, (columns[0] + columns[-1]) // 2
+    white = np.where(mask[..., None], rgb, 255).astype(np.uint8)
+    padded = np.pad(
+        white, ((half_pixels,) * 2, (half_pixels,) * 2, (0, 0)), constant_values=255
+    )
+    square = padded[
+        middle[0] : middle[0] + 2 * half_pixels, middle[1] : middle[1] + 2 * half_pixels
+    ]
+    return np.asarray(Image.fromarray(square).resize((SIZE, SIZE), Image.Resampling.LANCZOS))
+
+
+def page(
+    rows: Sequence[Sequence[np.ndarray | None]],
+    columns: Sequence[str],
+    names: Sequence[str],
+    title: str,
+    scale: tuple[str, float] | None = None,
+) -> Figure:
+    """Images in rows and columns with their names; `scale` is a colour bar's text and its end."""
+    width, height = 1.9 * len(columns) + 1.2, 1.9 * len(rows) + (1.1 if scale else 0.6)
+    figure = Figure(figsize=(width, height), dpi=110)
+    figure.suptitle(title, fontsize=10)
+    axes = figure.subplots(len(rows), len(columns), squeeze=False)
+    for row, images, name in zip(axes, rows, names, strict=True):
+        for axis, image in zip(row, images, strict=True):
+            axis.set_axis_off()
+            if image is not None:
+                axis.imshow(image)
+        row[0].text(-0.06, 0.5, name, transform=row[0].transAxes, fontsize=8, ha="right",
+                    va="center", wrap=True)
+    for axis, column in zip(axes[0], columns, strict=True):
+        axis.set_title(column, fontsize=8)
+    figure.subplots_adjust(
+        left=1.2 / width, right=0.99, top=1 - 0.55 / height, bottom=0.5 / height if scale else 0.02,
+        wspace=0.03, hspace=0.03,
+    )
+    if scale is not None:
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+
+        bar = figure.add_axes((0.35, 0.32 / height, 0.4, 0.1 / height))
+        figure.colorbar(
+            ScalarMappable(Normalize(0, scale[1]), "viridis"), cax=bar, orientation="horizontal"
+        )
+        bar.tick_params(labelsize=7)
+        figure.text(0.34, 0.36 / height, scale[0], fontsize=8, ha="right", va="center")
+    return figure
+
+
+def save(figure: Figure, path: Path) -> None:
+    """As a PNG, whole or not at all."""
+    canvas = FigureCanvasAgg(figure)
+    with atomic_write(path) as file:
+        canvas.print_png(file)
+
+
+def _image(values: np.ndarray) -> np.ndarray:
+    return np.rint(255 * values.clip(0, 1)).astype(np.uint8)
