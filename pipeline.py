@@ -168,9 +168,7 @@ def _cure(message: str, parser: ArgumentParser | None) -> str:
         message = message.replace(said, meant)
     head, required, names = message.partition("are required: ")
     # The parser names the first by its option and the others by where it keeps them.
-    message = (
-        head + required + re.sub(rf"\b(?:{_KEPT})\.", "--", names.replace("verify.", ""))
-    )
+    message = head + required + re.sub(rf"\b(?:{_KEPT})\.", "--", names.replace("verify.", ""))
     given = r"^(\w+):\s.*NestedArg\(key='(\w+)', val='?(.*?)'?\)"
     nested = re.search(given, message, re.DOTALL)
     if nested and parser is not None:
@@ -496,9 +494,10 @@ def _evaluate(parser: ArgumentParser, parsed: Any) -> int:
     given = parsed.evaluate.as_dict()
     with _users_errors():
         config = _of(EvaluateConfig, parser.instantiate(parsed).evaluate)
-        folders = (Path(given[key]) for key in ("data", "meshes", "output"))
+        data, meshes, output = (Path(given[key]) for key in ("data", "meshes", "output"))
         _on_interrupt(signal.default_int_handler)
-        found = evaluate(*folders, given["name"], config, given["jobs"], given["subjects"])
+        only = given["subjects"]
+        found = evaluate(data, meshes, output, given["name"], config, given["jobs"], only)
     for file, why in sorted(found.left_out.items()):
         print(f"left out {file}: {why}", file=sys.stderr)
     print(found.told(config.convention))

@@ -44,8 +44,8 @@ class EvaluateConfig:
     """How meshes are measured."""
 
     convention: Convention = "paper"
-    """`paper` scales and moves each to its own box of side 1; `icon` has ICON's and ECON's scale and
-    sums, of meshes in the truth's frame or with align; `metric` is in centimetres, likewise.
+    """`paper` scales and moves each to its own box of side 1; `icon` has ICON's and ECON's scale
+    and sums, of meshes in the truth's frame or with align; `metric` is in centimetres, likewise.
     """
     align: bool = False
     """First lay each mesh onto the truth by the best similarity."""
@@ -207,7 +207,14 @@ def evaluate(
     output.mkdir(parents=True, exist_ok=True)
     with lock_folder(output):
         tasks = [
-            Task(file, meshes / file, _key(meshes / file, dataset, *view, config), data, *view, config)
+            Task(
+                file,
+                meshes / file,
+                _key(meshes / file, dataset, *view, config),
+                data,
+                *view,
+                config,
+            )
             for file, view in found.items()
         ]
         scores, faults = _measured(tasks, output / SCORES, jobs)
@@ -282,9 +289,7 @@ def _truth(data: Path, subject: str, samples: int) -> Truth:
         raise SurfaceError(f"{subject}'s own surface: {error}") from None
 
 
-def _key(
-    mesh: Path, dataset: Dataset, subject: str, view: int, config: EvaluateConfig
-) -> str:
+def _key(mesh: Path, dataset: Dataset, subject: str, view: int, config: EvaluateConfig) -> str:
     """What a score depends on."""
     counted = {"convention": config.convention, "align": config.align, "samples": config.samples}
     parts = [file_sha256(mesh), dataset.manifest[subject].sha256, view, counted]
@@ -300,7 +305,7 @@ def _write(
     output: Path,
 ) -> None:
     means = whole.mean(config.convention)
-    rows = [
+    rows: list[dict[str, Any]] = [
         {"mesh": file, "subject": subject, "view": view, **found.figures(config.convention)}
         for file, (subject, view, found) in sorted(whole.scores.items())
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,7 @@ class FrameFiles:
     """Mesh of the person's bare body in the depth camera's frame: metres, x right, y up, z towards
     the viewer.
     """
-    camera: Pinhole = Pinhole()
+    camera: Pinhole = field(default_factory=Pinhole)
     """Intrinsics of the depth camera; a Kinect v2's by default."""
     unit: float = 0.001
     """Metres of one step of the depth image."""

@@ -111,9 +111,7 @@ class Reconstructor:
     def _fused(
         self, front: np.ndarray, back: np.ndarray, view: GivenView, rgb_back: np.ndarray
     ) -> TriangleMesh:
-        mesh = fuse(
-            front, back, view.mask, view.pixel_size, view.rgb, rgb_back, self.config.step
-        )
+        mesh = fuse(front, back, view.mask, view.pixel_size, view.rgb, rgb_back, self.config.step)
         if self.config.poisson is not None:
             mesh = poisson_smoothed(mesh, self.config.poisson)
         return mesh
@@ -122,7 +120,9 @@ class Reconstructor:
 def _source(named: str, side: Literal["front", "back"], device: str) -> tuple[Depth, Any]:
     """Where a side's depth comes from, and the branch that predicts it, if one does."""
     if named == "true":
-        return lambda view, shard, index: shard.view(index, [f"depth_{side}"])[f"depth_{side}"], None
+        return lambda view, shard, index: shard.view(index, [f"depth_{side}"])[
+            f"depth_{side}"
+        ], None
     if named == "sensor" and side == "front":
         return lambda view, shard, index: _whole(view.sensor, view.mask, "the sensor read"), None
     if named == "body" and side == "back":
@@ -216,7 +216,9 @@ def reconstruct_frame(
     if output.suffix.lower() not in FORMATS:
         raise ValueError(f"output: {output}; give a mesh's name that ends in {', '.join(FORMATS)}")
     if "true" in (config.front, config.back):
-        raise ValueError("the truth of a capture is not known; give checkpoints, or sensor and body")
+        raise ValueError(
+            "the truth of a capture is not known; give checkpoints, or sensor and body"
+        )
     made = Reconstructor(config, device)
     frame = files.read()
     if made.needs_body and frame.body is None:

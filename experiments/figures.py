@@ -1,4 +1,4 @@
-"""Figures 2, 9 and 15: how fronts and backs differ, where surfaces are off, and what a cut saves."""
+"""Figures 2, 9 and 15: fronts against backs, where surfaces are off, what a cut saves."""
 
 from __future__ import annotations
 
@@ -29,9 +29,7 @@ def figure2(study: Study) -> str:
     easiest = max(found, key=lambda c: (c.whole.up_to_40, -c.whole.largest))
     hardest = max(found, key=lambda c: (c.whole.above_100, c.whole.largest))
     whole = differences.pooled([c.whole for c in found])
-    shown = [
-        differences.example(study.dataset, c, differences.CHEST) for c in (easiest, hardest)
-    ]
+    shown = [differences.example(study.dataset, c, differences.CHEST) for c in (easiest, hardest)]
     picture = study.results / "fig2.png"
     differences.figure(shown[0], shown[1], whole, len(found)).save(picture)
     hard = [c.whole for c in found if c.hard]
@@ -43,7 +41,9 @@ def figure2(study: Study) -> str:
         "easiest": {"subject": easiest.subject, "pose": easiest.pose, **_shares(easiest.whole)},
         "hardest": {"subject": hardest.subject, "pose": hardest.pose, **_shares(hardest.whole)},
         "rows": {e.comparison.subject: {"row": e.row, **_shares(e.local)} for e in shown},
-        "subjects": {c.subject: {"pose": c.pose, "hard": c.hard, **_shares(c.whole)} for c in found},
+        "subjects": {
+            c.subject: {"pose": c.pose, "hard": c.hard, **_shares(c.whole)} for c in found
+        },
         "published": {"where": paper.WHERE, **paper.FIGURE2},
     }
     study.write("fig2.json", document)
@@ -85,9 +85,7 @@ def figure9(study: Study) -> str:
     columns = ["truth, front", "back"]
     for name in methods:
         columns += [f"{name},\nfront", "back"]
-    figure = pictures.page(
-        rows, columns, subjects, "Distance from the truth", ("metres", MOST)
-    )
+    figure = pictures.page(rows, columns, subjects, "Distance from the truth", ("metres", MOST))
     pictures.save(figure, study.results / "fig9.png")
     study.write("fig9.json", {**study.provenance(), "view": view, "mean_distance": means})
     lines = [
@@ -116,8 +114,10 @@ def figure15(study: Study) -> str:
     angles = (0, 45, 90, 270, 315)
     clay = castable(placed)
     rows: list[list[np.ndarray | None]] = [
-        [pictures.cut_out(maps["rgb_front"], maps["mask"], pixels)]
-        + [pictures.shaded(clay, angle, half) for angle in angles]
+        [
+            pictures.cut_out(maps["rgb_front"], maps["mask"], pixels),
+            *(pictures.shaded(clay, angle, half) for angle in angles),
+        ]
     ]
     off: dict[str, dict[str, float]] = {}
     for name, (method, step) in ways.items():

@@ -69,7 +69,9 @@ def figure13(study: Study) -> str:
         f"{power} W {'another mesh' if off is None else f'{off:.2f} mm'}"
         for power, off in change.items()
     )
-    return f"vertices move from those of the strongest light: {told}\n{study.results / 'fig13.png'}\n"
+    return (
+        f"vertices move from those of the strongest light: {told}\n{study.results / 'fig13.png'}\n"
+    )
 
 
 def figure14(study: Study) -> str:
@@ -88,7 +90,9 @@ def figure14(study: Study) -> str:
         strict=True,
     ):
         for name in names:
-            axis.plot(powers, [found[p][name] for p in powers], marker="o", markersize=3, label=name)
+            axis.plot(
+                powers, [found[p][name] for p in powers], marker="o", markersize=3, label=name
+            )
         axis.set(xlabel="power of the lamp, W", title=title, ylim=(0, None))
         axis.invert_xaxis()
         axis.grid(alpha=0.3)

@@ -80,9 +80,7 @@ def cut_out(rgb: np.ndarray, mask: np.ndarray, half_pixels: int) -> np.ndarray:
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     middle = (rows[0] + rows[-1]) // 2, (columns[0] + columns[-1]) // 2
     white = np.where(mask[..., None], rgb, 255).astype(np.uint8)
-    padded = np.pad(
-        white, ((half_pixels,) * 2, (half_pixels,) * 2, (0, 0)), constant_values=255
-    )
+    padded = np.pad(white, ((half_pixels,) * 2, (half_pixels,) * 2, (0, 0)), constant_values=255)
     square = padded[
         middle[0] : middle[0] + 2 * half_pixels, middle[1] : middle[1] + 2 * half_pixels
     ]
@@ -106,13 +104,25 @@ def page(
             axis.set_axis_off()
             if image is not None:
                 axis.imshow(image)
-        row[0].text(-0.06, 0.5, name, transform=row[0].transAxes, fontsize=8, ha="right",
-                    va="center", wrap=True)
+        row[0].text(
+            -0.06,
+            0.5,
+            name,
+            transform=row[0].transAxes,
+            fontsize=8,
+            ha="right",
+            va="center",
+            wrap=True,
+        )
     for axis, column in zip(axes[0], columns, strict=True):
         axis.set_title(column, fontsize=8)
     figure.subplots_adjust(
-        left=1.2 / width, right=0.99, top=1 - 0.55 / height, bottom=0.5 / height if scale else 0.02,
-        wspace=0.03, hspace=0.03,
+        left=1.2 / width,
+        right=0.99,
+        top=1 - 0.55 / height,
+        bottom=0.5 / height if scale else 0.02,
+        wspace=0.03,
+        hspace=0.03,
     )
     if scale is not None:
         from matplotlib.cm import ScalarMappable

@@ -15,7 +15,7 @@ import sys
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from typing import Any
 from experiments.config import ExperimentConfig
 from shards.atomic import atomic_write
 from shards.dataset import Dataset
-from shards.manifest import DatasetError, differences
+from shards.manifest import DatasetError
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 
@@ -94,7 +94,7 @@ class Study:
 
     Args:
         folder: of the study; made if missing.
-        config: its size.    """
+        config: its size."""
 
     def __init__(self, folder: Path, config: ExperimentConfig) -> None:
         self.folder, self.config = folder.resolve(), config

@@ -71,9 +71,7 @@ def _all_methods(study: Study) -> dict[str, Row]:
     rows = _rows(study, {NORMALGAN_ROW: NORMALGAN, OURS_ROW: OURS})
     for name, method in ((GIVEN_ROW, GIVEN), (ORACLE_ROW, ORACLE)):
         rows[name] = Row([scored(study, method, study.config.seeds[0])], apart=True)
-    others = {
-        name: Row([study.scores(folder, name)]) for name, folder in study.others().items()
-    }
+    others = {name: Row([study.scores(folder, name)]) for name, folder in study.others().items()}
     return {**others, **rows}
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def lines_of_sight(shape: tuple[int, int], pixel_size: float) -> tuple[np.ndarray, np.ndarray]:
+def lines_of_sight(shape: tuple[int, ...], pixel_size: float) -> tuple[np.ndarray, np.ndarray]:
     """Where the pixels' centres lie across the view.
 
     Args:

@@ -11,8 +11,8 @@ from surface.mesh import SurfaceError, TriangleMesh
 def sample(mesh: TriangleMesh, count: int, rng: np.random.Generator) -> np.ndarray:
     """(count, 3) points spread evenly over a surface's area.
 
-    Of every count-th part of the area there is one point: the spread is that of a uniform draw, with
-    less chance in it.
+    Of every count-th part of the area there is one point: the spread is that of a uniform draw,
+    with less chance in it.
 
     Raises:
         SurfaceError: the surface has no area.

@@ -1,10 +1,10 @@
 """Fusion: a front's and a back's depth become one closed surface.
 
 Section 3.5 of "Fine Back Surfaces Oriented Human Reconstruction for Single RGB-D Images" joins both
-clouds by their nearest neighbours, with interpolation where they stand apart. The nearest neighbours
-of points on one grid are those of the grid, so the surface is woven there (`surface.lattice`): it
-is closed, manifold and oriented for any maps, and mirroring the depths mirrors it, triangle for
-triangle.
+clouds by their nearest neighbours, with interpolation where they stand apart. The nearest
+neighbours of points on one grid are those of the grid, so the surface is woven there
+(`surface.lattice`): it is closed, manifold and oriented for any maps, and mirroring the depths
+mirrors it, triangle for triangle.
 """
 
 from __future__ import annotations
@@ -82,7 +82,12 @@ def _check(
     rgb_back: np.ndarray | None,
     step: float | None,
 ) -> None:
-    if mask.ndim != 2 or mask.dtype != bool or front.shape != mask.shape or back.shape != mask.shape:
+    if (
+        mask.ndim != 2
+        or mask.dtype != bool
+        or front.shape != mask.shape
+        or back.shape != mask.shape
+    ):
         raise SurfaceError(
             f"depth maps of {front.shape} and {back.shape} with a mask of {mask.shape} "
             f"({mask.dtype}); give (H, W) of all three, the mask bool"

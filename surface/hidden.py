@@ -23,6 +23,9 @@ REACH = 0.12
 LEAST_GAP = 0.01
 """Metres between a near part and what is behind it; less is no gap."""
 
+DEEPEST = 0.025
+"""Metres, half a pixel of 5 mm from the outline of a limb of 25 cm across, before its middle."""
+
 THINNEST = 1e-4
 """Metres of a part from front to back, at least."""
 
@@ -115,14 +118,14 @@ def _to_outline(front: np.ndarray, joined: np.ndarray, pixel_size: float) -> np.
 
     The outline passes half a pixel outside. On a circle, half a pixel and one and a half from its
     outline, depth differs by d pixels where the first is (d + sqrt(3 d^2 + 3)) / 2 pixels before
-    the circle's middle.
+    the circle's middle. Steeper than at the thickest limb there is another part or noise.
     """
     falls = [
         np.where(joined[(k + 2) % 4], front - _moved(front, SIDES[(k + 2) % 4]), 0)
         for k in range(4)
     ]
     slope = np.maximum(np.max(falls, axis=0), 0) / pixel_size
-    return pixel_size / 2 * (slope + np.sqrt(3 * slope**2 + 3))
+    return np.minimum(pixel_size / 2 * (slope + np.sqrt(3 * slope**2 + 3)), DEEPEST)
 
 
 def _reached(start: np.ndarray, joined: np.ndarray, count: int) -> np.ndarray:

@@ -92,7 +92,5 @@ def write_mesh(path: Path, mesh: TriangleMesh) -> None:
 def _linear(colors: np.ndarray) -> np.ndarray:
     """uint8 sRGB to uint8 linear."""
     coded = np.arange(256) / 255
-    curve = np.where(
-        coded <= _SRGB_KNEE, coded / _SRGB_SLOPE, ((coded + 0.055) / 1.055) ** 2.4
-    )
+    curve = np.where(coded <= _SRGB_KNEE, coded / _SRGB_SLOPE, ((coded + 0.055) / 1.055) ** 2.4)
     return np.rint(255 * curve).astype(np.uint8)[colors]

@@ -1,7 +1,7 @@
 """How far a surface is from the truth: the paper's metrics, and ICON's.
 
-Section 4.2 of "Fine Back Surfaces Oriented Human Reconstruction for Single RGB-D Images" has CD, P2S
-and L2; Xiu et al., "ICON", CVPR 2022, has the field's Chamfer, P2S and normal error.
+Section 4.2 of "Fine Back Surfaces Oriented Human Reconstruction for Single RGB-D Images" has CD,
+P2S and L2; Xiu et al., "ICON", CVPR 2022, has the field's Chamfer, P2S and normal error.
 """
 
 from __future__ import annotations

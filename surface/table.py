@@ -78,9 +78,9 @@ class Table:
     def _best(self, column: int, name: str) -> bool:
         """Whether a row has the least of a column, of two rows that compete or more."""
         means = {
-            row: cells[column].mean
+            row: mean
             for row, cells in self.rows.items()
-            if row not in self.apart and cells[column].mean is not None
+            if row not in self.apart and (mean := cells[column].mean) is not None
         }
         return len(means) > 1 and name in means and means[name] == min(means.values())
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -109,9 +109,7 @@ def _tied(
     return chosen
 
 
-def _length(
-    matching: Matching, ours: np.ndarray, theirs: np.ndarray, cutting: float
-) -> np.ndarray:
+def _length(matching: Matching, ours: np.ndarray, theirs: np.ndarray, cutting: float) -> np.ndarray:
     """(N,) metres of the walls that a matching makes."""
     total = np.zeros(ours.shape[1])
     for i, j in matching.across:
@@ -163,7 +161,9 @@ class _Loom:
             return
         columns = [self._rim(corners, rim) for rim in loop.rims]
         if len(loop.rims) > 2:
-            self._fan([v for pair in zip(chains, columns, strict=True) for one in pair for v in one])
+            self._fan(
+                [v for pair in zip(chains, columns, strict=True) for one in pair for v in one]
+            )
             return
         ahead, behind = chains
         right = [ahead[-1], *columns[0], behind[0]]
@@ -246,7 +246,7 @@ class _Loom:
         self._around(self._mean(around), [*around, around[0]])
 
     def _around(self, center: np.ndarray, chain: Chain) -> None:
-        for one, other in zip(chain[:-1], chain[1:], strict=True):
+        for one, other in pairwise(chain):
             self.faces.append(np.stack([center, one, other], axis=1))
 
     def _strip(self, left: Chain, right: Chain) -> None:

@@ -331,7 +331,7 @@ class Crop:
         window[:, :: self._step][here] = image[there]
         return window
 
-    def laid_back(self, window: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    def laid_back(self, window: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
         """(H, W, ...) of the whole image, from a window; 0 outside of the rectangle and of it."""
         image = np.zeros((*shape, *window.shape[2:]), dtype=window.dtype)
         person = image[self.rectangle]

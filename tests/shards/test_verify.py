@@ -466,7 +466,9 @@ def test_rays_on_a_sphere(sphere, kind, towards):
 def test_inside_out_faces_give_normals_towards_the_viewer(sphere):
     mesh, path = sphere
     write_obj(path, mesh.vertices, mesh.faces[:, ::-1])
-    hits = Surface.read(path, np.eye(4)).cast(np.array([[0.0, 0.1]]), camera_to_world(0, 2, 0.9), -1)
+    hits = Surface.read(path, np.eye(4)).cast(
+        np.array([[0.0, 0.1]]), camera_to_world(0, 2, 0.9), -1
+    )
     np.testing.assert_allclose(hits.normal, [[0, 0, 1]], atol=1e-3)
 
 

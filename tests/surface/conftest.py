@@ -72,5 +72,5 @@ def shapes() -> Callable[..., TriangleMesh]:
 
 @pytest.fixture(scope="session")
 def check() -> dict[str, Callable]:
-    """"faults", "euler" and "volume" of a mesh."""
+    """ "faults", "euler" and "volume" of a mesh."""
     return {"faults": faults, "euler": euler, "volume": volume}

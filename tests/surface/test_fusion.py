@@ -157,7 +157,9 @@ class TestArmBeforeTrunk:
         assert check["euler"](mesh) == 2
         assert self.webs(mesh) > 0.05
 
-    def test_with_the_cut_the_bar_stands_free_and_is_round(self, check: dict[str, Callable]) -> None:
+    def test_with_the_cut_the_bar_stands_free_and_is_round(
+        self, check: dict[str, Callable]
+    ) -> None:
         mesh = fuse(*self.maps(), 0.01)
         assert check["faults"](mesh) == []
         assert self.webs(mesh) == 0
