@@ -59,8 +59,8 @@ def figure2(study: Study) -> str:
 
 def figure9(study: Study) -> str:
     """Figure 9: where the surfaces of each method are off, from the front and from behind."""
-    study.train([*NORMALGAN.trainings, *OURS.trainings])
     seed = study.config.seeds[0]
+    study.train([*NORMALGAN.trainings, *OURS.trainings], [seed])
     methods = {NORMALGAN_ROW: NORMALGAN, OURS_ROW: OURS}
     folders = {
         name: study.meshes(method, seed, study.config.views, step=study.config.step)
@@ -97,8 +97,8 @@ def figure9(study: Study) -> str:
 
 def figure15(study: Study) -> str:
     """Figure 15: an arm far before the trunk, with the depth-step cut and without."""
-    study.train(OURS.trainings)
     seed = study.config.seeds[0]
+    study.train(OURS.trainings, [seed])
     subject, view = _most_stepped(study)
     ways: dict[str, tuple[Method, float | None]] = {
         "without the cut": (OURS, None),
@@ -121,7 +121,8 @@ def figure15(study: Study) -> str:
     ]
     off: dict[str, dict[str, float]] = {}
     for name, (method, step) in ways.items():
-        folder = study.meshes(method, seed, [view], step=step, under=f"occlusion/step_{step}")
+        under = f"occlusion/step_{step}"
+        folder = study.meshes(method, seed, [view], step=step, under=under, subjects=[subject])
         mesh, _ = pictures.centered(read_mesh(_mesh(folder, subject, view)), truth)
         drawn = castable(mesh)
         rows.append([None, *(pictures.shaded(drawn, angle, half) for angle in angles)])

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -94,47 +97,65 @@ def page(
     title: str,
     scale: tuple[str, float] | None = None,
 ) -> Figure:
-    """Images in rows and columns with their names; `scale` is a colour bar's text and its end."""
-    width, height = 1.9 * len(columns) + 1.2, 1.9 * len(rows) + (1.1 if scale else 0.6)
+    """Images in rows and columns with their names; `scale` is a colour bar's text and its end.
+
+    White that all images of a column share at their sides is cut off.
+    """
+    rows, widths = _trimmed(rows)
+    tall, unit, left, foot = 2.2, 2.2 / SIZE, 1.5, 0.6 if scale else 0.05
+    width, height = left + unit * sum(widths) + 0.1, tall * len(rows) + 0.6 + foot
     figure = Figure(figsize=(width, height), dpi=110)
     figure.suptitle(title, fontsize=10)
-    axes = figure.subplots(len(rows), len(columns), squeeze=False)
+    axes = figure.subplots(
+        len(rows), len(columns), squeeze=False, gridspec_kw={"width_ratios": widths}
+    )
     for row, images, name in zip(axes, rows, names, strict=True):
         for axis, image in zip(row, images, strict=True):
             axis.set_axis_off()
             if image is not None:
                 axis.imshow(image)
-        row[0].text(
-            -0.06,
-            0.5,
-            name,
-            transform=row[0].transAxes,
+        row[0].annotate(
+            textwrap.fill(name, 18),
+            (0.1 / width, 0.5),
+            xycoords=("figure fraction", "axes fraction"),
             fontsize=8,
-            ha="right",
             va="center",
-            wrap=True,
         )
     for axis, column in zip(axes[0], columns, strict=True):
         axis.set_title(column, fontsize=8)
     figure.subplots_adjust(
-        left=1.2 / width,
-        right=0.99,
-        top=1 - 0.55 / height,
-        bottom=0.5 / height if scale else 0.02,
-        wspace=0.03,
+        left=left / width,
+        right=1 - 0.1 / width,
+        top=1 - 0.6 / height,
+        bottom=foot / height,
+        wspace=0,
         hspace=0.03,
     )
     if scale is not None:
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import Normalize
-
-        bar = figure.add_axes((0.35, 0.32 / height, 0.4, 0.1 / height))
+        bar = figure.add_axes((0.35, 0.35 / height, 0.4, 0.1 / height))
         figure.colorbar(
             ScalarMappable(Normalize(0, scale[1]), "viridis"), cax=bar, orientation="horizontal"
         )
         bar.tick_params(labelsize=7)
-        figure.text(0.34, 0.36 / height, scale[0], fontsize=8, ha="right", va="center")
+        figure.text(0.34, 0.4 / height, scale[0], fontsize=8, ha="right", va="center")
     return figure
+
+
+def _trimmed(
+    rows: Sequence[Sequence[np.ndarray | None]],
+) -> tuple[list[list[np.ndarray | None]], list[int]]:
+    """The images less their columns' white sides, and what is left of the columns' widths."""
+    kept: list[list[np.ndarray | None]] = [[] for _ in rows]
+    widths = []
+    for images in zip(*rows, strict=True):
+        there = [image for image in images if image is not None]
+        used = np.flatnonzero(np.any([(i < 250).any(axis=(0, 2)) for i in there], axis=0))
+        first, last = (int(used[0]), int(used[-1])) if len(used) else (0, SIZE - 1)
+        side = slice(max(first - 12, 0), last + 13)
+        widths.append(min(last + 13, SIZE) - side.start)
+        for row, image in zip(kept, images, strict=True):
+            row.append(None if image is None else image[:, side])
+    return kept, widths
 
 
 def save(figure: Figure, path: Path) -> None:

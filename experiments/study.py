@@ -130,9 +130,10 @@ class Study:
             raise StepFailedError(f"{self.data} has no test subject; build more subjects")
         return found
 
-    def train(self, names: Iterable[str]) -> None:
-        """Trainings with all seeds, finished; two learn side by side."""
-        wanted = [(n, seed) for seed in self.config.seeds for n in dict.fromkeys(names)]
+    def train(self, names: Iterable[str], seeds: Iterable[int] | None = None) -> None:
+        """Trainings with these seeds or all, finished; two learn side by side."""
+        chosen = self.config.seeds if seeds is None else seeds
+        wanted = [(n, seed) for seed in chosen for n in dict.fromkeys(names)]
         data = str(self.data)
         commands = {
             f"{name} seed {seed}": [
@@ -159,14 +160,16 @@ class Study:
         data: Path | None = None,
         step: float | None = None,
         under: str = "meshes",
+        subjects: list[str] | None = None,
     ) -> Path:
-        """The folder of a method's meshes of all test subjects.
+        """The folder of a method's meshes.
 
         Args:
             views: of each subject; None takes all.
             data: the dataset, if not the study's own.
             step: as `reconstruct` has it.
             under: the folder's name in the study.
+            subjects: of whom; None takes all test subjects.
         """
         folder = self.folder / under / self.label(method, seed)
         self._run(
@@ -176,6 +179,7 @@ class Study:
                 *("--back", self.checkpoint(method.back, seed)),
                 *("--step", json.dumps(step), "--device", self.config.device),
                 *([] if views is None else ["--views", json.dumps(views)]),
+                *([] if subjects is None else ["--subjects", json.dumps(subjects)]),
             ],
             allowed=(0, 1),
         )

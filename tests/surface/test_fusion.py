@@ -33,11 +33,12 @@ def test_back_projection_is_the_contract_of_the_grid() -> None:
     np.testing.assert_allclose(back_project(depth, mask, 0.1), [[0.15, 0.05, -1.5]])
 
 
-class TestSphere:
-    @pytest.fixture(scope="class")
-    def mesh(self) -> TriangleMesh:
-        return fuse(*sphere_maps(), PIXEL)
+@pytest.fixture(scope="module")
+def mesh() -> TriangleMesh:
+    return fuse(*sphere_maps(), PIXEL)
 
+
+class TestSphere:
     def test_it_is_closed_with_the_characteristic_of_a_sphere(
         self, mesh: TriangleMesh, check: dict[str, Callable]
     ) -> None:
