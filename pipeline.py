@@ -428,7 +428,7 @@ def _add_reconstruct(parser: ArgumentParser) -> None:
     from jsonargparse import ActionConfigFile, set_parsing_settings
 
     from engine.frame import FrameFiles
-    from engine.reconstruct import ReconstructConfig, Views
+    from engine.reconstruct import Choice, ReconstructConfig
 
     set_parsing_settings(docstring_parse_attribute_docstrings=True)
     parser.add_argument("--config", action=ActionConfigFile, help="YAML file")
@@ -438,18 +438,13 @@ def _add_reconstruct(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--device", type=str, default="cpu", help="where the networks are: cuda")
     parser.add_class_arguments(ReconstructConfig)
-    parser.add_class_arguments(Views)
+    parser.add_class_arguments(Choice)
     parser.add_class_arguments(FrameFiles, "frame")
 
 
 def _reconstruct(parser: ArgumentParser, parsed: Any) -> int:
     """Make meshes of a dataset's views, or of one capture of a depth camera."""
-    from engine.reconstruct import (
-        ReconstructConfig,
-        Views,
-        reconstruct,
-        reconstruct_frame,
-    )
+    from engine.reconstruct import Choice, ReconstructConfig, reconstruct, reconstruct_frame
 
     given = parsed.reconstruct.as_dict()
     with _users_errors():
@@ -463,7 +458,7 @@ def _reconstruct(parser: ArgumentParser, parsed: Any) -> int:
         if framed:
             print(reconstruct_frame(made.frame, output, config, given["device"]))
             return DONE
-        views = _of(Views, made)
+        views = _of(Choice, made)
         done = reconstruct(Path(given["data"]), output, config, views, given["device"])
         return DONE if done else FAILURES
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -26,6 +26,7 @@ from surface.mesh import FORMATS, SurfaceError, TriangleMesh, write_mesh
 from surface.pinhole import Frame, Pinhole, orthographic
 from surface.poisson import poisson_smoothed
 from trainer.filling import filled
+from trainer.normals import Side
 from trainer.predictor import GivenView, Predictor
 
 RECORD = "reconstruction.json"
@@ -35,8 +36,13 @@ FRONTS, BACKS = ("sensor", "true"), ("body", "true")
 
 Format = Literal["ply", "glb", "obj"]
 
-Depth = Callable[[GivenView, Shard, int], np.ndarray]
-"""From what is known of a view, its shard and its number to (H, W) metres."""
+FRAME_SIZE = (424, 512)
+"""Rows and columns of the grid to which a capture is brought."""
+MIDDLE = 2.0
+"""Metres from the camera's plane to a captured person, where no network has learned a distance."""
+
+Depth = Callable[[GivenView, Mapping[str, np.ndarray]], np.ndarray]
+"""From what is known of a view, and the truth of it where there is one, to (H, W) metres."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +83,7 @@ class Reconstructor:
         self._back, back = _source(config.back, "back", device)
         learned = [found for found in (front, back) if found is not None]
         self.needs_body = config.back == "body" or any(found.needs_body for found in learned)
-        self.middle = learned[0].middle if learned else 2.0
+        self.middle = learned[0].middle if learned else MIDDLE
 
     def of_view(self, shard: Shard, index: int) -> TriangleMesh:
         """One view of a shard; in its camera's frame, metres, coloured by both images.
@@ -86,10 +92,15 @@ class Reconstructor:
             SurfaceError, ValueError: it shows nobody, or lacks what is needed.
         """
         names = ("rgb_front", "rgb_back", "depth_sensor", "body_depth_back", "mask")
-        rgb, rgb_back, sensor, body_back, mask = shard.view(index, names).values()
-        view = GivenView(rgb, sensor, body_back, mask, shard.meta["camera"]["pixel_size"])
-        depths = self._front(view, shard, index), self._back(view, shard, index)
-        return self._fused(*depths, view, rgb_back)
+        maps = shard.view(index, (*names, "depth_front", "depth_back"))
+        view = GivenView(
+            maps["rgb_front"],
+            maps["depth_sensor"],
+            maps["body_depth_back"],
+            maps["mask"],
+            shard.meta["camera"]["pixel_size"],
+        )
+        return self._fused(view, maps["rgb_back"], maps)
 
     def of_frame(self, frame: Frame, camera: Pinhole, pixel_size: float) -> TriangleMesh:
         """One capture of a depth camera; in its frame (x right, y up, z towards the viewer).
@@ -100,47 +111,44 @@ class Reconstructor:
         Raises:
             SurfaceError, ValueError: it shows nobody, or lacks what is needed.
         """
-        seen = orthographic(frame, camera, (424, 512), pixel_size, self.middle)
+        seen = orthographic(frame, camera, FRAME_SIZE, pixel_size, self.middle)
         view = GivenView(seen.rgb, seen.depth, seen.body_back, seen.mask, pixel_size)
-        nothing: Any = None
-        depths = self._front(view, nothing, 0), self._back(view, nothing, 0)
         # Nothing is known of the back's colours; the front's stand in for them.
-        mesh = self._fused(*depths, view, view.rgb)
+        mesh = self._fused(view, view.rgb, {})
         return replace(mesh, vertices=seen.place.from_orthographic(mesh.vertices))
 
     def _fused(
-        self, front: np.ndarray, back: np.ndarray, view: GivenView, rgb_back: np.ndarray
+        self, view: GivenView, rgb_back: np.ndarray, truth: Mapping[str, np.ndarray]
     ) -> TriangleMesh:
+        front, back = self._front(view, truth), self._back(view, truth)
         mesh = fuse(front, back, view.mask, view.pixel_size, view.rgb, rgb_back, self.config.step)
         if self.config.poisson is not None:
             mesh = poisson_smoothed(mesh, self.config.poisson)
         return mesh
 
 
-def _source(named: str, side: Literal["front", "back"], device: str) -> tuple[Depth, Any]:
+def _source(named: str, side: Side, device: str) -> tuple[Depth, Predictor | None]:
     """Where a side's depth comes from, and the branch that predicts it, if one does."""
     if named == "true":
-        return lambda view, shard, index: shard.view(index, [f"depth_{side}"])[
-            f"depth_{side}"
-        ], None
+        return lambda view, truth: truth[f"depth_{side}"], None
     if named == "sensor" and side == "front":
-        return lambda view, shard, index: _whole(view.sensor, view.mask, "the sensor read"), None
+        return lambda view, truth: _whole(view.sensor, view.mask, "reading of the sensor"), None
     if named == "body" and side == "back":
-        return lambda view, shard, index: _whole(view.body_back, view.mask, "no body lies in"), None
+        return lambda view, truth: _whole(view.body_back, view.mask, "part of a body"), None
     predictor = Predictor(Path(named), side, device)
-    return lambda view, shard, index: predictor.depth(view), predictor
+    return lambda view, truth: predictor.depth(view), predictor
 
 
 def _whole(depth: np.ndarray, mask: np.ndarray, what: str) -> np.ndarray:
     """A depth map filled out to the silhouette, as the networks are given it."""
     inside = np.where(mask, depth, np.float32(0))
     if not (inside > 0).any():
-        raise SurfaceError(f"{what} {'nothing of' if 'sensor' in what else ''} the silhouette")
+        raise SurfaceError(f"no {what} lies in the silhouette")
     return filled(inside, mask)
 
 
 @dataclass(frozen=True)
-class Views:
+class Choice:
     """Which views of a dataset are reconstructed."""
 
     split: Split | Literal["all"] = "test"
@@ -179,7 +187,7 @@ def mesh_name(subject: str, view: int) -> str:
 
 
 def reconstruct(
-    data: Path, output: Path, config: ReconstructConfig, views: Views, device: str = "cpu"
+    data: Path, output: Path, config: ReconstructConfig, views: Choice, device: str = "cpu"
 ) -> bool:
     """A mesh for every view, those that stand left as they are; whether all could be made.
 
