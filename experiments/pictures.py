@@ -19,7 +19,7 @@ from shards.raycast import Surface
 from surface.cloud import lines_of_sight
 from surface.distances import nearest
 from surface.mesh import TriangleMesh
-from surface.normal_maps import castable, normal_map
+from surface.normal_maps import around, castable, normal_map
 
 SIZE = 420
 """Pixels of an image's side."""
@@ -61,13 +61,7 @@ def error_map(
     Returns:
         (SIZE, SIZE, 3) uint8 on white, and the distances of the pixels hit, metres.
     """
-    angle = np.radians(angle_deg)
-    camera = np.eye(4)
-    camera[:3, :3] = [
-        [np.cos(angle), 0, np.sin(angle)],
-        [0, 1, 0],
-        [-np.sin(angle), 0, np.cos(angle)],
-    ]
+    camera = around(angle_deg)
     x, y = lines_of_sight((SIZE, SIZE), 2 * half / SIZE)
     xy = np.stack([x.ravel(), y.ravel()], axis=1)
     hits = castable(mesh).cast(xy, camera, -1)

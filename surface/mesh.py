@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from augment.srgb import linear
 from shards.atomic import atomic_write
 from shards.geometry import read_geometry
 
 FORMATS = (".obj", ".glb", ".ply")
 """What `write_mesh` writes."""
-
-_SRGB_KNEE, _SRGB_SLOPE = 0.04045, 12.92
 
 
 class SurfaceError(ValueError):
@@ -82,15 +81,8 @@ def write_mesh(path: Path, mesh: TriangleMesh) -> None:
         raise ValueError(f"{path}: '{path.suffix}' is no format; give {', '.join(FORMATS)}")
     colors = mesh.colors
     if colors is not None and kind == ".glb":
-        colors = _linear(colors)
+        colors = np.rint(255 * linear(colors / 255)).astype(np.uint8)
     made = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=colors, process=False)
     data = made.export(file_type=kind[1:], **({"include_normals": False} if kind == ".obj" else {}))
     with atomic_write(path) as file:
         file.write(data.encode() if isinstance(data, str) else data)
-
-
-def _linear(colors: np.ndarray) -> np.ndarray:
-    """uint8 sRGB to uint8 linear."""
-    coded = np.arange(256) / 255
-    curve = np.where(coded <= _SRGB_KNEE, coded / _SRGB_SLOPE, ((coded + 0.055) / 1.055) ** 2.4)
-    return np.rint(255 * curve).astype(np.uint8)[colors]

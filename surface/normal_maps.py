@@ -17,6 +17,15 @@ def castable(mesh: TriangleMesh) -> Surface:
     return Surface(mesh.vertices, mesh.faces, merged(mesh.vertices, np.zeros_like(mesh.vertices)))
 
 
+def around(angle_deg: float) -> np.ndarray:
+    """(4, 4) camera to world, round the vertical axis: 0 looks from +z, 90 from +x."""
+    angle = np.radians(angle_deg)
+    camera = np.eye(4)
+    camera[0, 0] = camera[2, 2] = np.cos(angle)
+    camera[0, 2], camera[2, 0] = np.sin(angle), -np.sin(angle)
+    return camera
+
+
 def normal_map(
     surface: Surface, angle_deg: float, half: float, size: int = SIZE
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -24,7 +33,7 @@ def normal_map(
 
     Args:
         surface: around the origin.
-        angle_deg: 0 looks from +z, 90 from +x.
+        angle_deg: as `around` has it.
         half: half of the window's side, in the surface's unit.
         size: pixels of the side.
 
@@ -32,13 +41,7 @@ def normal_map(
         (size, size, 3) float64 unit normals in that camera's frame, on the side that is seen,
         between the vertices' normals, 0 where nothing is hit; and (size, size) bool, where it is.
     """
-    angle = np.radians(angle_deg)
-    camera = np.eye(4)
-    camera[:3, :3] = [
-        [np.cos(angle), 0, np.sin(angle)],
-        [0, 1, 0],
-        [-np.sin(angle), 0, np.cos(angle)],
-    ]
+    camera = around(angle_deg)
     x, y = lines_of_sight((size, size), 2 * half / size)
     low, high = surface.bounds(camera)
     near = (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
