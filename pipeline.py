@@ -259,7 +259,8 @@ def _faulty_config(parser: ArgumentParser | None, given: list[str]) -> str | Non
     named += [word.removeprefix("--config=") for word in given if word.startswith("--config=")]
     if parser is None:
         return None
-    folders = [f"--{a.dest}=." for a in parser._actions if a.required]
+    needed = [a for a in parser._actions if a.required]
+    folders = [f"--{a.dest}=." if a.option_strings else (a.choices or ".")[0] for a in needed]
     for count, name in enumerate(named, start=1):
         files = [word for before in named[:count] for word in ("--config", before)]
         try:

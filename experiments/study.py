@@ -133,7 +133,8 @@ class Study:
     def train(self, names: Iterable[str], seeds: Iterable[int] | None = None) -> None:
         """Trainings with these seeds or all, finished; two learn side by side."""
         chosen = self.config.seeds if seeds is None else seeds
-        wanted = [(n, seed) for seed in chosen for n in dict.fromkeys(names)]
+        each = list(dict.fromkeys(names))
+        wanted = [(name, seed) for seed in chosen for name in each]
         data = str(self.data)
         commands = {
             f"{name} seed {seed}": [
