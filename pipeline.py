@@ -41,8 +41,8 @@ def main(arguments: list[str] | None = None) -> int:
         package = (error.name or str(error)).partition(".")[0]
         sys.stderr.write(
             f"error: the Python package {package} is missing; in the checkout, "
-            "pip install '.[render,humans,trainer]' brings it, or `make demo` and then "
-            "`. .venv/bin/activate`\n"
+            "pip install '.[render,humans,trainer,surface,figures,poisson]' brings it, or "
+            "`make demo` and then `. .venv/bin/activate`\n"
         )
         return WRONG
 
@@ -507,7 +507,7 @@ def _add_experiment(parser: ArgumentParser) -> None:
     from experiments.run import EXPERIMENTS
 
     set_parsing_settings(docstring_parse_attribute_docstrings=True)
-    parser.add_argument("name", type=str, choices=list(EXPERIMENTS), help="table or figure")
+    parser.add_argument("name", choices=list(EXPERIMENTS), help="table or figure")
     parser.add_argument("--config", action=ActionConfigFile, help="YAML file, see configs/")
     parser.add_argument("--output", type=str, required=True, help="folder of the study")
     parser.add_class_arguments(ExperimentConfig)

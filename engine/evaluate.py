@@ -18,22 +18,22 @@ import numpy as np
 
 import seeds
 from engine.progress import Progress
-from engine.stage import processors
+from engine.stage import processors, reason
 from engine.workers import run
 from shards.atomic import atomic_write
 from shards.checksum import file_sha256
 from shards.dataset import Dataset
 from shards.lock import lock_folder
-from shards.manifest import append_json_line, read_json_lines
+from shards.manifest import append_json_line, read_json_lines, write_json_lines
 from surface.mesh import SurfaceError, read_mesh
 from surface.score import Convention, Score, score
 from surface.table import Cell, Table
-from surface.truth import SAMPLES, Truth
+from surface.truth import SAMPLES, Truth, true_surface
 
 ENDINGS = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off")
 """Of the files that are taken for meshes."""
 
-PATTERNS = ("{subject}_{view}", "{subject}")
+PATTERNS = ("{subject}", "{subject}_{view}")
 """Of their names, one tried after the other."""
 
 SCORES = "scores.jsonl"
@@ -201,7 +201,10 @@ def evaluate(
     dataset = Dataset(data)
     found, left_out = find_meshes(meshes, dataset, config.pattern, config.view)
     if subjects is not None:
-        found = {file: view for file, view in found.items() if view[0] in set(subjects)}
+        chosen = set(subjects)
+        if unknown := chosen - set(dataset.subjects()):
+            raise ValueError(f"subjects: {data} has no finished {', '.join(sorted(unknown))}")
+        found = {file: view for file, view in found.items() if view[0] in chosen}
         if not found:
             raise ValueError(f"{meshes} holds no mesh of the subjects that are asked for")
     output.mkdir(parents=True, exist_ok=True)
@@ -227,27 +230,30 @@ def _measured(
     tasks: list[Task], kept: Path, jobs: int | None
 ) -> tuple[dict[str, tuple[str, int, Score]], dict[str, str]]:
     """Every task's score, and why some have none."""
-    known = {record["key"]: record for _, record in read_json_lines(kept)}
+    names = [field.name for field in fields(Score)]
+    known = {
+        record["key"]: record
+        for _, record in read_json_lines(kept)
+        if {"key", *names} <= record.keys()
+    }
     missing = [task for task in tasks if task.key not in known]
     if len(missing) < len(tasks):
         print(f"{len(tasks) - len(missing)} of {len(tasks)} scores stand", file=sys.stderr)
     faults: dict[str, str] = {}
     if missing:
+        write_json_lines(kept, known.values())  # a torn last line would spoil the next
         progress = Progress("evaluate", len(missing))
         try:
             for task, result in run(measure, missing, *processors(jobs, len(missing))):
                 why = None
-                if isinstance(result, ValueError | OSError):
-                    why = faults[task.name] = " ".join(str(result).split())
-                elif isinstance(result, BaseException):
-                    raise result
+                if isinstance(result, BaseException):
+                    why = faults[task.name] = reason(result)
                 else:
                     known[task.key] = {"key": task.key, **asdict(result)}
                     append_json_line(kept, known[task.key])
                 progress.step(task.name, why)
         finally:
             progress.close()
-    names = [field.name for field in fields(Score)]
     scores = {
         task.name: (
             task.subject,
@@ -281,9 +287,8 @@ def measure(task: Task) -> Score:
 def _truth(data: Path, subject: str, samples: int) -> Truth:
     """A subject's surface in its world; tasks come by subject, so the last one is enough."""
     dataset = Dataset(data)
-    meta = dataset.shard(subject).meta
     try:
-        mesh = read_mesh(dataset.path(meta["mesh"])).transformed(np.array(meta["mesh_to_world"]))
+        mesh = true_surface(dataset, subject)
         return Truth.of(mesh, seeds.generator(0, subject, "truth"), samples)
     except SurfaceError as error:
         raise SurfaceError(f"{subject}'s own surface: {error}") from None

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from surface.mesh import read_mesh
 from surface.pinhole import Frame, Pinhole
@@ -48,14 +48,13 @@ class FrameFiles:
         """
         if self.rgb is None or self.depth is None:
             raise ValueError("frame: give frame.rgb and frame.depth")
-        depth = _image(self.depth, "frame.depth")
+        depth = _image(self.depth, "frame.depth", None)
         if depth.ndim != 2 or depth.dtype == bool or depth.dtype == np.uint8:
             raise ValueError(f"{self.depth} is no depth image of 16 bits in one channel")
-        rgb = np.asarray(Image.fromarray(_image(self.rgb, "frame.rgb")).convert("RGB"))
+        rgb = _image(self.rgb, "frame.rgb", "RGB")
         mask = depth > 0
         if self.mask is not None:
-            mask = _image(self.mask, "frame.mask")
-            mask = (mask.max(axis=2) if mask.ndim == 3 else mask) > 0
+            mask = _image(self.mask, "frame.mask", "L") > 0
         for path, image in ((self.rgb, rgb), (self.mask, mask)):
             if image.shape[:2] != depth.shape:
                 raise ValueError(
@@ -66,9 +65,10 @@ class FrameFiles:
         return Frame(rgb, depth.astype(np.float32) * np.float32(self.unit), mask, body)
 
 
-def _image(path: str, key: str) -> np.ndarray:
+def _image(path: str, key: str, mode: str | None) -> np.ndarray:
+    """An image in one of Pillow's modes, or its own."""
     try:
         with Image.open(path) as image:
-            return np.asarray(image)
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+            return np.asarray(image if mode is None else image.convert(mode))
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise ValueError(f"{key}: {path} is no image that can be read ({error})") from None

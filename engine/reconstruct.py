@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -15,16 +14,16 @@ import numpy as np
 from engine.frame import FrameFiles
 from engine.progress import Progress
 from shards.archive import Shard
-from shards.atomic import atomic_write, remove_temporary_files
+from shards.atomic import remove_temporary_files
 from shards.checksum import file_sha256
+from shards.claim import claim
 from shards.dataset import Dataset
 from shards.lock import hold_folder, lock_folder
-from shards.manifest import differences
 from shards.splits import Split
 from surface.fusion import STEP, fuse
 from surface.mesh import FORMATS, SurfaceError, TriangleMesh, write_mesh
 from surface.pinhole import Frame, Pinhole, orthographic
-from surface.poisson import poisson_smoothed
+from surface.poisson import LEAST_DEPTH, MOST_DEPTH, poisson_smoothed
 from trainer.filling import filled
 from trainer.normals import Side
 from trainer.predictor import GivenView, Predictor
@@ -64,6 +63,10 @@ class ReconstructConfig:
     def __post_init__(self) -> None:
         if self.step is not None and not 0 < self.step < 10:
             raise ValueError(f"step: {self.step}; give metres, such as {STEP}, or null")
+        if self.poisson is not None and not LEAST_DEPTH <= self.poisson <= MOST_DEPTH:
+            raise ValueError(
+                f"poisson: {self.poisson}; give the octree's depth, {LEAST_DEPTH} to {MOST_DEPTH}"
+            )
 
 
 class Reconstructor:
@@ -205,7 +208,11 @@ def reconstruct(
     try:
         output.mkdir(parents=True, exist_ok=True)
         with lock_folder(output):
-            _claim(output, _record(config, dataset))
+            if not (output / RECORD).exists() and any(
+                f.suffix in FORMATS for f in output.iterdir()
+            ):
+                raise ValueError(f"{output} holds meshes and no {RECORD}; choose another folder")
+            claim(output / RECORD, _record(config, dataset), "meshes")
             remove_temporary_files(output)
             return _make_all(made, dataset, wanted, output)
     finally:
@@ -282,23 +289,3 @@ def _record(config: ReconstructConfig, dataset: Dataset) -> dict[str, Any]:
             "shards_sha256": shards.hexdigest(),
         },
     }
-
-
-def _claim(output: Path, record: dict[str, Any]) -> None:
-    """Make the folder one configuration's, or find that it is this one's."""
-    path = output / RECORD
-    if path.exists():
-        try:
-            stands = json.loads(path.read_text())
-        except ValueError:
-            raise ValueError(f"{path} is damaged; choose another folder") from None
-        if stands != record:
-            raise ValueError(
-                f"{output} holds meshes of another configuration "
-                f"({differences(stands, record)}); choose another folder"
-            )
-        return
-    if any(file.suffix in FORMATS for file in output.iterdir()):
-        raise ValueError(f"{output} holds meshes already and no {RECORD}; choose another folder")
-    with atomic_write(path) as file:
-        file.write(json.dumps(record, indent=1).encode() + b"\n")

@@ -13,6 +13,7 @@ from render.camera import FrameError
 from render.capture import CaptureError
 from shards.archive import ShardError
 from subjects.mesh import MeshError
+from surface.mesh import SurfaceError
 
 
 class SubjectTask(Protocol):
@@ -66,7 +67,7 @@ def run_stage(
         for task, result in run(function, tasks, workers, threads):
             why = None
             if isinstance(result, BaseException):
-                why = _reason(result)
+                why = reason(result)
                 failed(task, why)
             else:
                 if done is not None:
@@ -78,11 +79,12 @@ def run_stage(
     return [task for task in tasks if task.subject in worked]
 
 
-def _reason(error: BaseException) -> str:
+def reason(error: BaseException) -> str:
     """One line for the user; an error that is none of theirs brings its traceback along."""
     text = " ".join(str(error).split())
     if isinstance(
-        error, (MeshError, FrameError, CaptureError, ShardError, WorkerDiedError, OSError)
+        error,
+        (MeshError, FrameError, CaptureError, ShardError, SurfaceError, WorkerDiedError, OSError),
     ):
         return text
     print("".join(traceback.format_exception(error)), file=sys.stderr)

@@ -431,7 +431,7 @@ def _meta(task: SweepTask, base: Shard, power: float) -> dict[str, Any]:
         **meta,
         "mesh": f"{BASE}/{meta['mesh']}",
         "body": None if meta["body"] is None else f"{BASE}/{meta['body']}",
-        "files": {f"{BASE}/{name}": sha256 for name, sha256 in meta["files"].items()},
+        "files": {f"{BASE}/{name}": sha256 for name, sha256 in meta.get("files", {}).items()},
         "light": {**meta["light"], "power": power, "exposure": record["exposure"]},
         "color_camera": record["color_camera"],
         "sweep": record,

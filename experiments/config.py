@@ -26,6 +26,8 @@ class ExperimentConfig:
     """Likewise."""
     seeds: list[int] = field(default_factory=lambda: [0, 1])
     """Each training is repeated with these."""
+    normal_gan_width: int | None = None
+    """Channels of the discriminator of U-Net+nGAN; null as in its configuration."""
     device: str = "cpu"
     """Where networks learn and predict; two trainings share it."""
     views: list[int] | None = None
@@ -40,7 +42,17 @@ class ExperimentConfig:
     """Of each test subject, that are reconstructed under every power."""
 
     def __post_init__(self) -> None:
-        if not self.seeds or len(set(self.seeds)) < len(self.seeds):
-            raise ValueError(f"seeds: {self.seeds}; give one or more, each once")
-        if not self.sweep_views:
-            raise ValueError("sweep_views: give one or more")
+        for key in ("seeds", "views", "sweep_views"):
+            given = getattr(self, key)
+            if given is None:
+                continue
+            if not given or len(set(given)) < len(given) or min(given) < 0:
+                raise ValueError(f"{key}: {given}; give one or more from 0, each once")
+        for key in ("front_epochs", "back_epochs", "normal_gan_width"):
+            given = getattr(self, key)
+            if given is not None and given < 1:
+                raise ValueError(f"{key}: {given}; give 1 or more")
+        if self.step is not None and not 0 < self.step < 10:
+            raise ValueError(f"step: {self.step}; give metres, such as {STEP}, or null")
+        if not 100 <= self.samples <= 10**7:
+            raise ValueError(f"samples: {self.samples}; give 100 to 10000000")

@@ -15,6 +15,8 @@ from report import differences
 from surface.distances import nearest, sample
 from surface.mesh import TriangleMesh, read_mesh
 from surface.normal_maps import castable
+from surface.score import unit_box
+from surface.truth import true_surface
 
 SHOWN = 3
 """Test subjects in the figure of error maps."""
@@ -24,7 +26,7 @@ MOST = 0.03
 
 
 def figure2(study: Study) -> str:
-    """Figure 2: how much the depths of front and back differ, over the whole dataset."""
+    """Figure 2: how much front and back differ in depth, each subject in its view turned least."""
     found = differences.compare(study.dataset, view=None)
     easiest = max(found, key=lambda c: (c.whole.up_to_40, -c.whole.largest))
     hardest = max(found, key=lambda c: (c.whole.above_100, c.whole.largest))
@@ -35,7 +37,8 @@ def figure2(study: Study) -> str:
     hard = [c.whole for c in found if c.hard]
     much = sum(s.above_100 >= differences.MUCH for s in hard)
     document = {
-        **study.provenance(),
+        "data_config_sha256": study.dataset.description["config_sha256"],
+        "views": {c.subject: c.view for c in found},
         "bins_mm": list(differences.BINS),
         "all": _shares(whole),
         "easiest": {"subject": easiest.subject, "pose": easiest.pose, **_shares(easiest.whole)},
@@ -68,22 +71,29 @@ def figure9(study: Study) -> str:
     }
     view = 0 if study.config.views is None else study.config.views[0]
     rows: list[list[np.ndarray | None]] = []
-    means: dict[str, dict[str, Any]] = {name: {} for name in methods}
+    others = study.others()
+    means: dict[str, dict[str, Any]] = {name: {} for name in (*methods, *others)}
     subjects = study.subjects[:SHOWN]
     for subject in subjects:
-        truth = true_surface(study, subject, view)
+        truth = seen_truth(study, subject, view)
         placed, half = pictures.centered(truth, truth)
         clay = castable(placed)
         row: list[np.ndarray | None] = [pictures.shaded(clay, angle, half) for angle in (0, 180)]
         for name, folder in folders.items():
             mesh, _ = pictures.centered(read_mesh(_mesh(folder, subject, view)), truth)
-            for side, angle in (("front", 0), ("back", 180)):
-                image, off = pictures.error_map(mesh, placed, angle, half, MOST)
-                row.append(image)
-                means[name].setdefault(subject, {})[f"{side}_mm"] = float(1000 * off.mean())
+            row += _errors(mesh, placed, half, means[name].setdefault(subject, {}))
+        for name, folder in others.items():
+            path = _others_mesh(folder, subject, view)
+            if path is None:
+                row += [None, None]
+                continue
+            # Of another size and place: its box is laid onto the truth's.
+            mesh = read_mesh(path)
+            mesh = mesh.transformed(np.linalg.inv(unit_box(placed)) @ unit_box(mesh))
+            row += _errors(mesh, placed, half, means[name].setdefault(subject, {}))
         rows.append(row)
     columns = ["truth, front", "back"]
-    for name in methods:
+    for name in (*methods, *others):
         columns += [f"{name},\nfront", "back"]
     figure = pictures.page(rows, columns, subjects, "Distance from the truth", ("metres", MOST))
     pictures.save(figure, study.results / "fig9.png")
@@ -91,8 +101,28 @@ def figure9(study: Study) -> str:
     lines = [
         f"{name}: front {_mean(of, 'front_mm'):.1f} mm, back {_mean(of, 'back_mm'):.1f} mm"
         for name, of in means.items()
+        if of
     ]
     return "\n".join([*lines, str(study.results / "fig9.png"), ""])
+
+
+def _errors(
+    mesh: TriangleMesh, truth: TriangleMesh, half: float, means: dict[str, float]
+) -> list[np.ndarray | None]:
+    """The error maps of front and back, and their means into `means`."""
+    images: list[np.ndarray | None] = []
+    for side, angle in (("front", 0), ("back", 180)):
+        image, off = pictures.error_map(mesh, truth, angle, half, MOST)
+        images.append(image)
+        means[f"{side}_mm"] = float(1000 * off.mean())
+    return images
+
+
+def _others_mesh(folder: Path, subject: str, view: int) -> Path | None:
+    """Another method's mesh of a view, if its name tells."""
+    stems = {f"{subject}_{view:02d}", f"{subject}_{view}"}
+    found = (path for path in sorted(folder.rglob("*")) if path.stem in stems)
+    return next(found, None)
 
 
 def figure15(study: Study) -> str:
@@ -106,7 +136,7 @@ def figure15(study: Study) -> str:
         "true depth, without": (Method("true", "true"), None),
         "true depth, with": (Method("true", "true"), study.config.step),
     }
-    truth = true_surface(study, subject, view)
+    truth = seen_truth(study, subject, view)
     placed, half = pictures.centered(truth, truth)
     shard = study.dataset.shard(subject)
     maps = shard.view(view, ["rgb_front", "mask"])
@@ -143,13 +173,10 @@ def figure15(study: Study) -> str:
     return "\n".join([*lines, str(study.results / "fig15.png"), ""])
 
 
-def true_surface(study: Study, subject: str, view: int) -> TriangleMesh:
+def seen_truth(study: Study, subject: str, view: int) -> TriangleMesh:
     """A subject's own surface in a view's camera frame."""
-    shard = study.dataset.shard(subject)
-    meta = shard.meta
-    to_camera = np.linalg.inv(shard["camera_to_world"][view])
-    mesh = read_mesh(study.dataset.path(meta["mesh"]))
-    return mesh.transformed(to_camera @ np.array(meta["mesh_to_world"]))
+    to_camera = np.linalg.inv(study.dataset.shard(subject)["camera_to_world"][view])
+    return true_surface(study.dataset, subject).transformed(to_camera)
 
 
 def _most_stepped(study: Study) -> tuple[str, int]:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments import pictures
-from experiments.figures import true_surface
+from experiments.figures import seen_truth
 from experiments.study import OURS, Study
 from shards.dataset import Dataset
 from shards.sweep import read_index
@@ -28,7 +28,7 @@ def figure13(study: Study) -> str:
     powers = list(meshes)
     shown = [powers[k] for k in np.linspace(0, len(powers) - 1, SHOWN).round().astype(int)]
     subject, view = study.subjects[0], study.config.sweep_views[0]
-    truth = true_surface(study, subject, view)
+    truth = seen_truth(study, subject, view)
     placed, half = pictures.centered(truth, truth)
     rows: list[list[np.ndarray | None]] = [[], [], []]
     change = {}

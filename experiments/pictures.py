@@ -43,12 +43,6 @@ def shaded(surface: Surface, angle_deg: float, half: float, size: int = SIZE) ->
     return _image(np.where(hit, light, 1)[..., None].repeat(3, axis=2))
 
 
-def normals_image(surface: Surface, angle_deg: float, half: float, size: int = SIZE) -> np.ndarray:
-    """(size, size, 3) uint8: the normal map, on white."""
-    normals, hit = normal_map(surface, angle_deg, half, size)
-    return _image(np.where(hit[..., None], (normals + 1) / 2, 1))
-
-
 def error_map(
     mesh: TriangleMesh, truth: TriangleMesh, angle_deg: float, half: float, most: float
 ) -> tuple[np.ndarray, np.ndarray]:

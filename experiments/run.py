@@ -33,4 +33,7 @@ def experiment(name: str, folder: Path, config: ExperimentConfig) -> str:
     """
     folder.mkdir(parents=True, exist_ok=True)
     with lock_folder(folder):
-        return EXPERIMENTS[name](Study(folder, config))
+        study = Study(folder, config)
+        if name != "fig2":
+            _ = study.subjects  # what cannot be is said before anything is learned
+        return EXPERIMENTS[name](study)

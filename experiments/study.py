@@ -1,8 +1,8 @@
 """A study: a folder in which data, trainings, meshes and scores are made once, for all experiments.
 
 Every step is a command of `pipeline.py` in a process of its own, printed before it runs, so that
-Blender and torch never meet and anyone can run it by hand. A step that was finished costs nothing;
-one that was interrupted goes on.
+Blender and torch never meet and anyone can run it by hand. A step that was finished only finds that
+it was; one that was interrupted goes on.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ import sys
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from experiments.config import ExperimentConfig
 from shards.atomic import atomic_write
+from shards.claim import claim
 from shards.dataset import Dataset
 from shards.manifest import DatasetError
 
@@ -40,15 +41,17 @@ class Training:
     Attributes:
         side: "front" or "back".
         change: the configuration that is laid over the branch's, or None.
+        judged_front: whether a discriminator judges its front.
     """
 
     side: str
     change: str | None = None
+    judged_front: bool = False
 
 
 TRAININGS = {
     "front_unet": Training("front", "configs/ablations/front_unet.yaml"),
-    "front_unet_ngan": Training("front", "configs/ablations/front_unet_ngan.yaml"),
+    "front_unet_ngan": Training("front", "configs/ablations/front_unet_ngan.yaml", True),
     "front_unet_ca": Training("front"),
     "back_ngan": Training("back", "configs/ablations/back_ngan.yaml"),
     "back_smpl_dgan": Training("back", "configs/ablations/back_dgan.yaml"),
@@ -90,15 +93,20 @@ class StepFailedError(ValueError):
 
 
 class Study:
-    """A folder and what is in it.
+    """A folder and what is in it; it belongs to one configuration, on whatever device.
 
     Args:
-        folder: of the study; made if missing.
-        config: its size."""
+        folder: of the study; it exists and nobody else is at work there.
+        config: its size.
+
+    Raises:
+        ValueError: the folder is of another configuration.
+    """
 
     def __init__(self, folder: Path, config: ExperimentConfig) -> None:
         self.folder, self.config = folder.resolve(), config
-        self.folder.mkdir(parents=True, exist_ok=True)
+        record = {name: value for name, value in asdict(config).items() if name != "device"}
+        claim(self.folder / RECORD, json.loads(json.dumps(record)), "a study")
 
     @cached_property
     def data(self) -> Path:
@@ -118,17 +126,33 @@ class Study:
         """It, to be read."""
         return Dataset(self.data)
 
-    @property
+    @cached_property
     def subjects(self) -> list[str]:
         """Its test subjects.
 
         Raises:
-            StepFailedError: there are none.
+            StepFailedError: there are none, or one lacks a view that is asked for.
         """
         found = self.dataset.subjects("test")
         if not found:
             raise StepFailedError(f"{self.data} has no test subject; build more subjects")
+        for key in ("views", "sweep_views"):
+            most = max(getattr(self.config, key) or [0])
+            for subject in found:
+                count = len(self.dataset.shard(subject))
+                if most >= count:
+                    raise StepFailedError(
+                        f"{key}: {subject} has views 0 to {count - 1}, not {most}"
+                    )
         return found
+
+    def wanted(self) -> list[tuple[str, int]]:
+        """Subject and view of all that a table is of."""
+        return [
+            (subject, view)
+            for subject in self.subjects
+            for view in self.config.views or range(len(self.dataset.shard(subject)))
+        ]
 
     def train(self, names: Iterable[str], seeds: Iterable[int] | None = None) -> None:
         """Trainings with these seeds or all, finished; two learn side by side."""
@@ -196,6 +220,7 @@ class Study:
                 *("evaluate", "--data", str(data or self.data), "--meshes", str(meshes)),
                 *("--name", name, "--output", str(folder)),
                 *("--samples", str(self.config.samples)),
+                *("--subjects", json.dumps(self.subjects)),
             ],
             allowed=(0, 1),
         )
@@ -214,7 +239,12 @@ class Study:
         folder = self.folder / "others"
         if not folder.is_dir():
             return {}
-        return {path.name: path for path in sorted(folder.iterdir()) if path.is_dir()}
+        kinds = {".obj", ".ply", ".glb", ".gltf", ".stl", ".off"}
+        return {
+            path.name: path
+            for path in sorted(folder.iterdir())
+            if path.is_dir() and any(file.suffix.lower() in kinds for file in path.rglob("*"))
+        }
 
     def write(self, name: str, data: Mapping[str, Any]) -> Path:
         """A result as JSON, in the study's `results`."""
@@ -238,11 +268,7 @@ class Study:
             "data_counts": description["counts"],
             "licences": description["licences"],
             "test_subjects": self.subjects,
-            "views": self.config.views,
-            "seeds": self.config.seeds,
-            "epochs": {"front": self.config.front_epochs, "back": self.config.back_epochs},
-            "step": self.config.step,
-            "samples": self.config.samples,
+            "config": asdict(self.config),
         }
 
     @staticmethod
@@ -262,11 +288,13 @@ class Study:
             options += ["--config", _file(training.change)]
         if epochs is not None:
             options += ["--epochs", str(epochs)]
+        if training.judged_front and self.config.normal_gan_width is not None:
+            options += ["--branch.normal_gan.width", str(self.config.normal_gan_width)]
         return [*options, "--seed", str(seed)]
 
     def _run(self, arguments: list[str], allowed: tuple[int, ...] = (0,)) -> None:
         print(f"$ python pipeline.py {shlex.join(arguments)}", flush=True)
-        status = subprocess.run(_command(arguments), env=_environment(), check=False).returncode
+        status = subprocess.run(_command(arguments), check=False).returncode
         if status == 130:
             raise KeyboardInterrupt
         if status not in allowed:
@@ -290,7 +318,7 @@ class Study:
                         log = stack.enter_context(path.open("ab"))
                         process = subprocess.Popen(
                             _command(arguments),
-                            env=_environment() | threads,
+                            env=os.environ | threads,
                             stdout=log,
                             stderr=log,
                             start_new_session=True,
@@ -332,10 +360,6 @@ def _is_finished(folder: Path) -> bool:
 
 def _command(arguments: list[str]) -> list[str]:
     return [sys.executable, str(CHECKOUT / "pipeline.py"), *arguments]
-
-
-def _environment() -> dict[str, str]:
-    return dict(os.environ)
 
 
 def _file(name: str) -> str:

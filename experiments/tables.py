@@ -97,7 +97,8 @@ def _report(
     published: Mapping[str, Sequence[float]],
 ) -> str:
     """Write a table as JSON, Markdown and LaTeX; the Markdown."""
-    measured = {row: of for row, of in rows.items() if any(s["means"] for s in of.scores)}
+    wanted = study.wanted()
+    measured = {name: one for name, row in rows.items() if (one := _measured(row, wanted, columns))}
     cells = {row: [cell(of, column) for column in columns] for row, of in measured.items()}
     apart = frozenset(row for row, of in measured.items() if of.apart)
     found = Table(columns, cells, apart=apart)
@@ -107,11 +108,9 @@ def _report(
         "columns": list(columns),
         "rows": {
             row: {
-                "seeds": [
-                    {c: s["means"][c]["mean"] for c in columns} for s in of.scores if s["means"]
-                ],
-                "meshes": [s["counts"]["measured"] for s in of.scores],
-                "left_out": [s["counts"]["left_out"] for s in of.scores],
+                "seeds": of.seeds,
+                "meshes": of.meshes,
+                "missing": [len(wanted) - count for count in of.meshes],
                 "competes": not of.apart,
             }
             for row, of in measured.items()
@@ -123,11 +122,16 @@ def _report(
         "published": {"where": paper.WHERE, "rows": {r: list(v) for r, v in published.items()}},
     }
     study.write(f"{name}.json", document)
-    count = max((s["counts"]["measured"] for of in measured.values() for s in of.scores), default=0)
+    lacking = [
+        f"{row} lacks {len(wanted) - min(of.meshes)} of them.\n"
+        for row, of in measured.items()
+        if min(of.meshes) < len(wanted)
+    ]
     text = (
-        f"{found.markdown()}\n{count} views of {len(study.subjects)} test subjects; mean over "
-        f"{len(study.config.seeds)} seeds ± half of their range. CD and P2S in hundredths of the "
-        f"box's side. Less is better; rows in which nothing was learned do not compete.\n\n"
+        f"{found.markdown()}\n{len(wanted)} views of {len(study.subjects)} test subjects; mean "
+        f"over {len(study.config.seeds)} seeds ± half of their range. CD and P2S in hundredths of "
+        "the box's side. Less is better; rows in which nothing was learned do not compete.\n"
+        f"{''.join(lacking)}\n"
         f"{paper.WHERE[0].upper()}{paper.WHERE[1:]}:\n\n{theirs.markdown()}"
     )
     _write(study.results / f"{name}.md", text)
@@ -136,9 +140,36 @@ def _report(
     return text
 
 
-def cell(row: Row, column: str) -> Cell:
+@dataclass(frozen=True)
+class Measured:
+    """A row's figures on the study's views.
+
+    Attributes:
+        seeds: for each seed column -> mean.
+        meshes: for each seed how many of the views have one.
+    """
+
+    seeds: list[dict[str, float]]
+    meshes: list[int]
+    apart: bool
+
+
+def _measured(
+    row: Row, wanted: Sequence[tuple[str, int]], columns: Sequence[str]
+) -> Measured | None:
+    """None where no mesh of the study's views was measured."""
+    seeds, meshes = [], []
+    for found in row.scores:
+        scores = [s for s in found["scores"] if (s["subject"], s["view"]) in set(wanted)]
+        if scores:
+            seeds.append({c: float(np.mean([s[c] for s in scores])) for c in columns})
+            meshes.append(len(scores))
+    return Measured(seeds, meshes, row.apart) if seeds else None
+
+
+def cell(row: Measured, column: str) -> Cell:
     """The mean over the seeds and half of their range."""
-    values = [s["means"][column]["mean"] for s in row.scores if s["means"]]
+    values = [seed[column] for seed in row.seeds]
     spread = float(np.ptp(values)) / 2 if len(values) > 1 else None
     return Cell(float(np.mean(values)), spread)
 

@@ -6,8 +6,9 @@ small. Said as a map of space: a point at depth Z goes to
 
     (X, Y, Z)  ->  (X m / Z, Y m / Z, Z)
 
-where m is the person's middle depth. Lines of sight become parallel, depth stays. What is made in
-the orthographic frame goes back the other way, so the surface is metric in the camera's own frame.
+where m is the depth of the person's middle, the body's. Lines of sight become parallel, depth
+stays. What is made in the orthographic frame goes back the other way, so the surface is metric in
+the camera's own frame.
 """
 
 from __future__ import annotations
@@ -21,6 +22,14 @@ from scipy.ndimage import map_coordinates
 from shards.raycast import Surface
 from surface.cloud import lines_of_sight
 from surface.mesh import SurfaceError, TriangleMesh
+
+BEHIND = (
+    "the body reaches behind the camera; give it in the camera's frame, in metres, x right, y up, "
+    "z towards the viewer"
+)
+
+HALF_THICKNESS = 0.1
+"""Metres from a person's front to the middle, where no body tells."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +110,7 @@ class Place:
         """
         depth = -points[:, 2]
         if not (depth > 0).all():
-            raise SurfaceError(
-                "the body reaches behind the camera; give it in the camera's frame, in metres, x "
-                "right, y up, z towards the viewer"
-            )
+            raise SurfaceError(BEHIND)
         across = points[:, :2] * (self.middle / depth)[:, None] - self.center
         return np.column_stack([across, -(depth - self.middle + self.shown)])
 
@@ -140,7 +146,12 @@ def orthographic(
     read = depth[mask & (depth > 0)]
     if not len(read):
         raise SurfaceError("the depth camera read nothing of the person")
-    middle = float(np.median(read))
+    if body is None:
+        middle = float(np.median(read)) + HALF_THICKNESS
+    else:
+        middle = float(np.median(-body.vertices[:, 2]))
+    if not middle > 0:
+        raise SurfaceError(BEHIND)
     rows, columns = np.nonzero(mask)
     x = (columns - camera.cx) * middle / camera.fx
     y = (camera.cy - rows) * middle / camera.fy

@@ -10,34 +10,36 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from surface.mesh import TriangleMesh
+from surface.mesh import SurfaceError, TriangleMesh
 
-DEPTH = 9
-"""Of the octree: cells of about 4 mm for a person."""
+LEAST_DEPTH, MOST_DEPTH = 4, 12
+"""Of the octree; at 9 its cells are about 4 mm for a person."""
 
 
-def poisson_smoothed(mesh: TriangleMesh, depth: int = DEPTH) -> TriangleMesh:
+def poisson_smoothed(mesh: TriangleMesh, depth: int) -> TriangleMesh:
     """A surface through a mesh's vertices and normals (Kazhdan and Hoppe, Screened Poisson Surface
     Reconstruction, TOG 2013).
 
     Args:
         mesh: closed and oriented.
-        depth: of the octree, 4 to 12.
+        depth: of the octree.
 
     Returns:
-        A closed mesh; each vertex has the colour of the nearest one of the given.
+        A mesh whose vertices have the colour of the nearest of the given. A person's is closed; of
+        slivers and specks the library makes edges that are not.
 
     Raises:
-        ValueError: depth is out of bounds.
+        SurfaceError: the library gave up.
         ModuleNotFoundError: pymeshlab is not installed.
     """
-    if not 4 <= depth <= 12:
-        raise ValueError(f"poisson: {depth}; give the octree's depth, 4 to 12, such as {DEPTH}")
     import pymeshlab
 
     work = pymeshlab.MeshSet(verbose=False)
     work.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
-    work.generate_surface_reconstruction_screened_poisson(depth=depth, threads=1)
+    try:
+        work.generate_surface_reconstruction_screened_poisson(depth=depth, threads=1)
+    except pymeshlab.PyMeshLabException as error:
+        raise SurfaceError(f"Poisson reconstruction gave up ({error})") from None
     made = work.current_mesh()
     vertices = np.asarray(made.vertex_matrix(), dtype=np.float64)
     faces = np.asarray(made.face_matrix(), dtype=np.int64)

@@ -8,8 +8,9 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh as EmbreeMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from shards.dataset import Dataset
 from surface.distances import sample
-from surface.mesh import TriangleMesh
+from surface.mesh import TriangleMesh, read_mesh
 
 SAMPLES = 50_000
 """Points of a surface whose distance is measured, about; twice as many of a truth are looked at."""
@@ -53,6 +54,16 @@ class Truth:
         """With a (4, 4) similarity applied."""
         moved = self.points @ similarity[:3, :3].T + similarity[:3, 3]
         return replace(self, mesh=self.mesh.transformed(similarity), points=moved)
+
+
+def true_surface(dataset: Dataset, subject: str) -> TriangleMesh:
+    """A subject's own surface in its world, metres.
+
+    Raises:
+        SurfaceError: its file cannot be used.
+    """
+    meta = dataset.shard(subject).meta
+    return read_mesh(dataset.path(meta["mesh"])).transformed(np.array(meta["mesh_to_world"]))
 
 
 def exposed(points: np.ndarray, mesh: TriangleMesh) -> np.ndarray:

@@ -15,7 +15,7 @@ from torch.optim import Adam, Optimizer
 
 from trainer import checkpoint, losses, processes
 from trainer.branch import Branch
-from trainer.checkpoint import CheckpointError
+from trainer.checkpoint import Checkpoint, CheckpointError
 from trainer.losses import Features, Surface, Terms
 from trainer.normals import normals
 from trainer.record import from_record
@@ -158,7 +158,11 @@ def load(path: Path | str, device: torch.device | str = "cpu") -> Learner:
     Raises:
         CheckpointError: the file is no checkpoint of this program.
     """
-    found = checkpoint.load(Path(path))
+    return restored(checkpoint.load(Path(path)), path, device)
+
+
+def restored(found: Checkpoint, path: Path | str, device: torch.device | str = "cpu") -> Learner:
+    """The learner of a checkpoint that was read from `path`, likewise."""
     try:
         learner = Learner(
             from_record(found.config["branch"]),

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trainer import checkpoint
+from trainer import checkpoint, processes
 from trainer.checkpoint import CheckpointError
-from trainer.learner import load
+from trainer.learner import restored
 from trainer.normals import Side
 from trainer.views import Crop, Sample, cropped
 
@@ -47,10 +47,12 @@ class Predictor:
 
     Raises:
         CheckpointError: the file is no checkpoint, or of the other side's branch.
+        ValueError: there is no such device.
     """
 
     def __init__(self, path: Path, side: Side, device: str = "cpu") -> None:
-        self._learner = load(path, device)
+        found = checkpoint.load(path)
+        self._learner = restored(found, path, processes.usable(device))
         self.side = side
         if self._learner.branch.side != side:
             raise CheckpointError(
@@ -58,7 +60,7 @@ class Predictor:
             )
         self.needs_body = self._learner.branch.needs_body
         self.middle = (self._learner.span.near + self._learner.span.far) / 2
-        self._size = tuple(checkpoint.load(path).config["views"]["size"])
+        self._size = tuple(found.config["views"]["size"])
 
     def depth(self, view: GivenView) -> np.ndarray:
         """(H, W) float32 metres of its side, from the front camera's plane; 0 off the silhouette.

@@ -9,6 +9,20 @@ import torch
 from torch import Tensor, distributed
 
 
+def usable(name: str) -> torch.device:
+    """A device by its name.
+
+    Raises:
+        ValueError: there is no such device here.
+    """
+    try:
+        device = torch.device(name)
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError) as error:
+        raise ValueError(f"device: {name} is not to be had here; give cpu, or cuda") from error
+    return device
+
+
 def join(device: torch.device) -> torch.device:
     """Meet the other processes that torchrun started, if it did; the device of this one.
 

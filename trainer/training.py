@@ -357,12 +357,7 @@ class Training:
 
 def _device(name: str) -> torch.device:
     """This process's device, met with the others; ValueError where there is no such device."""
-    try:
-        device = processes.join(torch.device(name))
-        torch.zeros(1, device=device)
-    except (RuntimeError, AssertionError) as error:
-        raise ValueError(f"device: {name} is not to be had here; give cpu, or cuda") from error
-    return device
+    return processes.join(processes.usable(name))
 
 
 def _hush(worker: int) -> None:

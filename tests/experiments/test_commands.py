@@ -91,6 +91,7 @@ class TestReconstruct:
             (["--front", "true", "--back", "true", "--views", "[7]"], "views 0 to 1, not 7"),
             (["--front", "true", "--back", "true", "--subjects", "[who]"], "no finished who"),
             (["--front", "true", "--back", "true", "--step", "-1"], "step: -1.0; give metres"),
+            (["--front", "true", "--back", "true", "--poisson", "3"], "depth, 4 to 12"),
         ],
     )
     def test_what_cannot_be_is_said_in_a_line(
@@ -106,6 +107,19 @@ class TestReconstruct:
         error = capsys.readouterr().err
         assert said in error
         assert error.count("\n") == 1
+
+    def test_poisson_smooths_what_was_fused(
+        self, people: Path, oracle: Path, tmp_path: Path
+    ) -> None:
+        given = ["--data", str(people), "--output", str(tmp_path / "out"), "--views", "[0]"]
+        assert (
+            main(["reconstruct", *given, *["--front", "true", "--back", "true", "--poisson", "6"]])
+            == 0
+        )
+        found = trimesh.load_mesh(tmp_path / "out" / f"{TEST}_00.ply", process=False)
+        fused = trimesh.load_mesh(oracle / f"{TEST}_00.ply", process=False)
+        assert len(found.vertices) != len(fused.vertices)
+        np.testing.assert_allclose(found.bounds, fused.bounds, atol=0.06)
 
     def test_data_or_a_frame_and_not_both(
         self, people: Path, capsys: pytest.CaptureFixture[str]
@@ -160,6 +174,20 @@ class TestFrame:
         off, _ = nearest(seen[seen[:, 2] > -2.15], read_mesh(Path(files["true"])))
         assert np.median(off) < 0.004
         np.testing.assert_allclose(found.bounds[1][:2], true.bounds[1][:2], atol=0.02)
+
+    def test_a_palette_is_no_colour_and_alpha_no_mask(
+        self, files: dict[str, str], tmp_path: Path
+    ) -> None:
+        from engine.frame import FrameFiles
+
+        true = np.asarray(Image.open(files["rgb"]))
+        Image.fromarray(true).convert("P", palette=Image.Palette.ADAPTIVE).save(tmp_path / "p.png")
+        opaque = np.zeros((*true.shape[:2], 4), np.uint8)
+        opaque[..., 3], opaque[:100, :100, :3] = 255, 200
+        Image.fromarray(opaque).save(tmp_path / "m.png")
+        frame = FrameFiles(str(tmp_path / "p.png"), files["depth"], str(tmp_path / "m.png")).read()
+        np.testing.assert_allclose(frame.rgb, true, atol=3)
+        assert frame.mask.sum() == 100 * 100
 
     @pytest.mark.parametrize(
         ("change", "said"),
@@ -254,6 +282,33 @@ class TestEvaluate:
         assert status == 0
         assert [(row["subject"], row["view"]) for row in found["scores"]] == [(TEST, 1)]
 
+    def test_a_torn_line_of_scores_is_measured_again(
+        self, people: Path, oracle: Path, tmp_path: Path
+    ) -> None:
+        first = evaluated(people, oracle, tmp_path)[1]
+        kept = tmp_path / "scores.jsonl"
+        kept.write_bytes(kept.read_bytes()[:-40])
+        for _ in range(2):
+            assert evaluated(people, oracle, tmp_path) == (0, first)
+        assert len(kept.read_bytes().splitlines()) == 2
+
+    def test_a_mesh_that_was_moved_is_aligned(
+        self, people: Path, oracle: Path, tmp_path: Path
+    ) -> None:
+        (tmp_path / "m").mkdir()
+        mesh = trimesh.load_mesh(oracle / f"{TEST}_00.ply", process=False)
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(0.1, [0, 1, 0]))
+        mesh.export(tmp_path / "m" / f"{TEST}_00.ply")
+        (tmp_path / "still").mkdir()
+        shutil.copy(oracle / f"{TEST}_00.ply", tmp_path / "still")
+        plain, aligned, still = (
+            evaluated(people, tmp_path / meshes, tmp_path / name, "--align", name[:-1])[1]["means"]
+            for meshes, name in (("m", "false1"), ("m", "true2"), ("still", "true3"))
+        )
+        for figure in ("CD", "P2S", "L2"):
+            assert aligned[figure]["mean"] == pytest.approx(still[figure]["mean"], rel=0.05)
+            assert plain[figure]["mean"] > 1.2 * still[figure]["mean"]
+
     def test_scores_that_stand_are_not_measured_anew(
         self, people: Path, oracle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
@@ -272,6 +327,7 @@ class TestEvaluate:
             (["--pattern", "x"], "give one with {subject} once"),
             (["--samples", "3"], "samples: 3; give 100"),
             (["--subjects", "[lump_0]"], "no mesh of the subjects"),
+            (["--subjects", "[lump_1, lump_9]"], "no finished lump_9"),
             (["--name", "../x"], "name: '../x'"),
         ],
     )
@@ -329,6 +385,7 @@ class TestExperiment:
         found = json.loads((study[0] / "results" / "table4.json").read_text())
         assert list(found["rows"]) == ["nGAN", "SMPL+dGAN", "SMPL+nGAN"]
         for row in found["rows"].values():
+            assert row["missing"] == [0, 0]
             assert len(row["seeds"]) == 2
             assert row["seeds"][0] != row["seeds"][1]
             assert row["meshes"] == [1, 1]
@@ -357,6 +414,7 @@ class TestExperiment:
         others = study[0] / "others" / "PIFuHD"
         others.mkdir(parents=True, exist_ok=True)
         shutil.copy(oracle / f"{TEST}_00.ply", others)
+        (study[0] / "others" / "nothing yet").mkdir(exist_ok=True)
         done = experiment(study, "table1")
         assert done.returncode == 0, done.stderr
         found = json.loads((study[0] / "results" / "table1.json").read_text())
@@ -383,7 +441,7 @@ class TestExperiment:
         done = experiment(study, name)
         assert done.returncode == 0, done.stderr
         found = json.loads((study[0] / "results" / f"{name}.json").read_text())
-        assert found["test_subjects"] == [TEST]
+        assert found.get("test_subjects", [TEST]) == [TEST]
         with Image.open(study[0] / "results" / f"{name}.png") as image:
             assert min(image.size) > 300
             assert np.asarray(image.convert("L")).std() > 5
@@ -416,6 +474,7 @@ class TestExperiment:
         told, _ = process.communicate(timeout=30)
         assert process.returncode == 130
         assert "run the same command again to go on" in told
+        assert run(*given).returncode == 0
         assert not [
             line
             for line in subprocess.run(
