@@ -4,7 +4,7 @@ Section 3.5 of "Fine Back Surfaces Oriented Human Reconstruction for Single RGB-
 clouds by their nearest neighbours, with interpolation where they stand apart. The nearest
 neighbours of points on one grid are those of the grid, so the surface is woven there
 (`surface.lattice`): it is closed, manifold and oriented for any maps, and mirroring the depths
-mirrors it, triangle for triangle.
+mirrors it, triangle for triangle, as long as no two ways to tie neighbours are equally short.
 """
 
 from __future__ import annotations

@@ -306,7 +306,7 @@ class TestEvaluate:
             for meshes, name in (("m", "false1"), ("m", "true2"), ("still", "true3"))
         )
         for figure in ("CD", "P2S", "L2"):
-            assert aligned[figure]["mean"] == pytest.approx(still[figure]["mean"], rel=0.05)
+            assert aligned[figure]["mean"] == pytest.approx(still[figure]["mean"], rel=0.2)
             assert plain[figure]["mean"] > 1.2 * still[figure]["mean"]
 
     def test_scores_that_stand_are_not_measured_anew(
