@@ -24,6 +24,9 @@ from surface.normal_maps import around, castable, normal_map
 SIZE = 420
 """Pixels of an image's side."""
 
+HEAD = 0.8
+"""Inches above the images of a page."""
+
 _LIGHT = np.array([0.3, 0.4, 0.85]) / np.linalg.norm([0.3, 0.4, 0.85])
 _MARGIN = 1.04
 
@@ -91,7 +94,7 @@ def page(
     """
     rows, widths = _trimmed(rows)
     tall, unit, left, foot = 2.2, 2.2 / SIZE, 1.5, 0.6 if scale else 0.05
-    width, height = left + unit * sum(widths) + 0.1, tall * len(rows) + 0.6 + foot
+    width, height = left + unit * sum(widths) + 0.1, tall * len(rows) + HEAD + foot
     figure = Figure(figsize=(width, height), dpi=110)
     figure.suptitle(title, fontsize=10)
     axes = figure.subplots(
@@ -114,7 +117,7 @@ def page(
     figure.subplots_adjust(
         left=left / width,
         right=1 - 0.1 / width,
-        top=1 - 0.6 / height,
+        top=1 - HEAD / height,
         bottom=foot / height,
         wspace=0,
         hspace=0.03,
