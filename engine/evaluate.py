@@ -25,13 +25,10 @@ from shards.checksum import file_sha256
 from shards.dataset import Dataset
 from shards.lock import lock_folder
 from shards.manifest import append_json_line, read_json_lines, write_json_lines
-from surface.mesh import SurfaceError, read_mesh
+from surface.mesh import ENDINGS, SurfaceError, read_mesh
 from surface.score import Convention, Score, score
 from surface.table import Cell, Table
 from surface.truth import SAMPLES, Truth, true_surface
-
-ENDINGS = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off")
-"""Of the files that are taken for meshes."""
 
 PATTERNS = ("{subject}", "{subject}_{view}")
 """Of their names, one tried after the other."""

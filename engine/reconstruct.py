@@ -21,7 +21,7 @@ from shards.dataset import Dataset
 from shards.lock import hold_folder, lock_folder
 from shards.splits import Split
 from surface.fusion import STEP, fuse
-from surface.mesh import FORMATS, SurfaceError, TriangleMesh, write_mesh
+from surface.mesh import FORMATS, SurfaceError, TriangleMesh, mesh_name, write_mesh
 from surface.pinhole import Frame, Pinhole, orthographic
 from surface.poisson import LEAST_DEPTH, MOST_DEPTH, poisson_smoothed
 from trainer.filling import filled
@@ -182,11 +182,6 @@ class Choice:
         if not found:
             raise ValueError(f"{dataset.folder} has no subject in its {self.split} split")
         return found
-
-
-def mesh_name(subject: str, view: int) -> str:
-    """The name of a view's mesh, less its ending: what `evaluate` looks for."""
-    return f"{subject}_{view:02d}"
 
 
 def reconstruct(

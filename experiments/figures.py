@@ -13,7 +13,7 @@ from experiments.study import NORMALGAN, OURS, Method, Study
 from experiments.tables import NORMALGAN_ROW, OURS_ROW
 from report import differences
 from surface.distances import nearest, sample
-from surface.mesh import TriangleMesh, read_mesh
+from surface.mesh import TriangleMesh, mesh_name, read_mesh
 from surface.normal_maps import castable
 from surface.score import unit_box
 from surface.truth import true_surface
@@ -120,7 +120,7 @@ def _errors(
 
 def _others_mesh(folder: Path, subject: str, view: int) -> Path | None:
     """Another method's mesh of a view, if its name tells."""
-    stems = {f"{subject}_{view:02d}", f"{subject}_{view}"}
+    stems = {mesh_name(subject, view), f"{subject}_{view}"}
     found = (path for path in sorted(folder.rglob("*")) if path.stem in stems)
     return next(found, None)
 
@@ -202,7 +202,7 @@ def _neighbors(values: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _mesh(folder: Path, subject: str, view: int) -> Path:
-    return folder / f"{subject}_{view:02d}.ply"
+    return folder / f"{mesh_name(subject, view)}.ply"
 
 
 def _mean(of: dict[str, Any], key: str) -> float:

@@ -13,7 +13,7 @@ from experiments.figures import seen_truth
 from experiments.study import OURS, Study
 from shards.dataset import Dataset
 from shards.sweep import read_index
-from surface.mesh import read_mesh
+from surface.mesh import mesh_name, read_mesh
 from surface.normal_maps import castable
 
 SHOWN = 5
@@ -37,7 +37,7 @@ def figure13(study: Study) -> str:
         data, folder = meshes[power]
         maps = Dataset(data).shard(subject).view(view, ["rgb_front", "mask"])
         pixels = round(half / study.dataset.shard(subject).meta["camera"]["pixel_size"])
-        mesh, _ = pictures.centered(read_mesh(folder / f"{subject}_{view:02d}.ply"), truth)
+        mesh, _ = pictures.centered(read_mesh(folder / f"{mesh_name(subject, view)}.ply"), truth)
         drawn = castable(mesh)
         rows[0].append(pictures.cut_out(maps["rgb_front"], maps["mask"], pixels))
         rows[1].append(pictures.shaded(drawn, 0, half))

@@ -25,6 +25,7 @@ from shards.atomic import atomic_write
 from shards.claim import claim
 from shards.dataset import Dataset
 from shards.manifest import DatasetError
+from surface.mesh import ENDINGS
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 
@@ -239,19 +240,18 @@ class Study:
         folder = self.folder / "others"
         if not folder.is_dir():
             return {}
-        kinds = {".obj", ".ply", ".glb", ".gltf", ".stl", ".off"}
         return {
             path.name: path
             for path in sorted(folder.iterdir())
-            if path.is_dir() and any(file.suffix.lower() in kinds for file in path.rglob("*"))
+            if path.is_dir() and any(file.suffix.lower() in ENDINGS for file in path.rglob("*"))
         }
 
-    def write(self, name: str, data: Mapping[str, Any]) -> Path:
-        """A result as JSON, in the study's `results`."""
-        path = self.results / name
-        with atomic_write(path) as file:
-            file.write(json.dumps(data, indent=1, allow_nan=False).encode() + b"\n")
-        return path
+    def write(self, name: str, data: Mapping[str, Any] | str) -> None:
+        """A result, in the study's `results`: as JSON, or text as it is."""
+        if not isinstance(data, str):
+            data = json.dumps(data, indent=1, allow_nan=False) + "\n"
+        with atomic_write(self.results / name) as file:
+            file.write(data.encode())
 
     @property
     def results(self) -> Path:

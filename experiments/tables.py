@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from experiments import paper
 from experiments.study import GIVEN, NORMALGAN, ORACLE, OURS, Method, Study
-from shards.atomic import atomic_write
 from surface.table import Cell, Table
 
 ORACLE_ROW, GIVEN_ROW = "oracle: true depths fused", "given: sensor and bare body fused"
@@ -134,9 +132,8 @@ def _report(
         f"{''.join(lacking)}\n"
         f"{paper.WHERE[0].upper()}{paper.WHERE[1:]}:\n\n{theirs.markdown()}"
     )
-    _write(study.results / f"{name}.md", text)
-    latex = f"{found.latex()}\n% {paper.WHERE}\n{theirs.latex()}"
-    _write(study.results / f"{name}.tex", latex)
+    study.write(f"{name}.md", text)
+    study.write(f"{name}.tex", f"{found.latex()}\n% {paper.WHERE}\n{theirs.latex()}")
     return text
 
 
@@ -172,11 +169,6 @@ def cell(row: Measured, column: str) -> Cell:
     values = [seed[column] for seed in row.seeds]
     spread = float(np.ptp(values)) / 2 if len(values) > 1 else None
     return Cell(float(np.mean(values)), spread)
-
-
-def _write(path: Path, text: str) -> None:
-    with atomic_write(path) as file:
-        file.write(text.encode())
 
 
 TABLES: dict[str, Callable[[Study], str]] = {

@@ -15,6 +15,9 @@ from shards.geometry import read_geometry
 FORMATS = (".obj", ".glb", ".ply")
 """What `write_mesh` writes."""
 
+ENDINGS = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off")
+"""Of the files that are taken for meshes and read."""
+
 
 class SurfaceError(ValueError):
     """A surface that cannot be measured or made; one line: what, where, the cure."""
@@ -42,6 +45,11 @@ class TriangleMesh:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner, (3,) each."""
         return self.vertices.min(axis=0), self.vertices.max(axis=0)
+
+
+def mesh_name(subject: str, view: int) -> str:
+    """The name of a view's mesh, less its ending."""
+    return f"{subject}_{view:02d}"
 
 
 def read_mesh(path: Path) -> TriangleMesh:
