@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -273,14 +272,11 @@ def _record(config: ReconstructConfig, dataset: Dataset) -> dict[str, Any]:
         side: named if named in known[side] else file_sha256(Path(named))
         for side, named in (("front", config.front), ("back", config.back))
     }
-    shards = hashlib.sha256()
-    for subject, entry in dataset.manifest.items():
-        shards.update(f"{subject} {entry.sha256}\n".encode())
     return {
         **asdict(config),
         **sides,
         "dataset": {
             "config_sha256": dataset.description["config_sha256"],
-            "shards_sha256": shards.hexdigest(),
+            "shards_sha256": dataset.shards_sha256(dataset.manifest),
         },
     }

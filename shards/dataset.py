@@ -397,6 +397,13 @@ class Dataset:
             raise DatasetError(f"{self.folder} has no finished subject {subject!r}")
         return self.folder / self.manifest[subject].file
 
+    def shards_sha256(self, subjects: Iterable[str]) -> str:
+        """SHA-256 in hex of what the manifest says of these subjects' shards, in their order."""
+        digest = hashlib.sha256()
+        for subject in subjects:
+            digest.update(f"{subject} {self.manifest[subject].sha256}\n".encode())
+        return digest.hexdigest()
+
     def path(self, relative: str) -> Path:
         """A file named by the dataset's own files, such as `meta["mesh"]`.
 

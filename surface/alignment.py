@@ -15,7 +15,7 @@ ROUNDS = 50
 """Of the nearest points, at most."""
 
 ENOUGH = 1e-6
-"""Change of the mean distance, in parts of it, below which another round is none of use."""
+"""Change of the squared distance, in parts of it, below which another round is of no use."""
 
 
 def best_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -50,7 +50,8 @@ def align(mesh: TriangleMesh, truth: Truth, rng: np.random.Generator) -> np.ndar
         off, met = nearest(moved, truth.mesh)
         back, found = nearest(true, placed)
         step = best_similarity(np.concatenate([moved, found]), np.concatenate([met, true]))
-        now = float(off.mean() + back.mean())
+        # What a step lessens is the sum of squares; the mean may rise on the way.
+        now = float((off**2).mean() + (back**2).mean())
         if not before - now > ENOUGH * now:
             break
         similarity, before = step @ similarity, now

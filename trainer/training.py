@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import sys
@@ -374,12 +373,9 @@ def _identity(*views: Views) -> dict[str, Any]:
     """What was learned from: the dataset's configuration, its subjects, a hash of their shards."""
     dataset = views[0].dataset
     subjects = [subject for split in views for subject in split.subjects]
-    digest = hashlib.sha256()
-    for subject in subjects:
-        digest.update(f"{subject} {dataset.manifest[subject].sha256}\n".encode())
     return {
         "config_sha256": dataset.description["config_sha256"],
-        "shards_sha256": digest.hexdigest(),
+        "shards_sha256": dataset.shards_sha256(subjects),
         "subjects": subjects,
     }
 
