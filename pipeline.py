@@ -456,10 +456,14 @@ def _reconstruct(parser: ArgumentParser, parsed: Any) -> int:
             raise ValueError("give --data, or --frame.rgb and --frame.depth")
         _on_interrupt(signal.default_int_handler)
         output = Path(given["output"])
+        views = _of(Choice, made)
         if framed:
+            if views != Choice():
+                raise ValueError("split, subjects and views choose of --data; a frame has none")
+            if config.format != ReconstructConfig.format:
+                raise ValueError("format is that of --data's meshes; a frame's is by --output")
             print(reconstruct_frame(made.frame, output, config, given["device"]))
             return DONE
-        views = _of(Choice, made)
         done = reconstruct(Path(given["data"]), output, config, views, given["device"])
         return DONE if done else FAILURES
 

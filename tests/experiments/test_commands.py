@@ -207,6 +207,17 @@ class TestFrame:
         assert main(["reconstruct", *given, *sides]) == 2
         assert said in capsys.readouterr().err
 
+    @pytest.mark.parametrize(
+        "option", ["--split=all", "--subjects=[a]", "--views=[0]", "--format=obj"]
+    )
+    def test_what_chooses_of_a_dataset_is_refused(
+        self, files: dict[str, str], capsys: pytest.CaptureFixture[str], option: str
+    ) -> None:
+        given = [f"--frame.{name}={files[name]}" for name in ("rgb", "depth", "body")]
+        sides = ["--front", "sensor", "--back", "body", "--output", "out.ply"]
+        assert main(["reconstruct", *given, *sides, option]) == 2
+        assert option[2:].split("=")[0] in capsys.readouterr().err
+
 
 class TestEvaluate:
     def test_measures_every_mesh_and_writes_all_four_files(
