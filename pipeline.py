@@ -17,10 +17,12 @@ from dataclasses import fields, is_dataclass
 from itertools import pairwise
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, get_type_hints
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser
+
+    from engine.engines import Means
 
 DONE, FAILURES, WRONG, INTERRUPTED = 0, 1, 2, 130
 
@@ -82,6 +84,15 @@ def _run(given: list[str]) -> int:
     except (argparse.ArgumentError, WrongCallError) as error:
         sys.stderr.write(f"error: {_explain(error, children, given)}\n")
         return WRONG
+    except OSError as error:
+        from shards.atomic import NO_ROOM
+
+        if error.errno not in NO_ROOM:
+            raise
+        sys.stderr.write(
+            f"error: {error}; what is finished stands: make room, and run the same command again\n"
+        )
+        return FAILURES
     except KeyboardInterrupt:
         sys.stderr.write(_INTERRUPTED)
         return INTERRUPTED
@@ -103,11 +114,17 @@ def _end_at_once(number: int, frame: FrameType | None) -> None:
 
 
 @contextmanager
-def _users_errors() -> Iterator[None]:
-    """Where a ValueError or OSError speaks of what the user gave, not of a fault of ours."""
+def _users_errors(
+    kinds: tuple[type[Exception], ...] = (ValueError, OSError),
+) -> Iterator[None]:
+    """Where errors of these kinds speak of what the user gave, not of a fault of ours."""
+    from shards.atomic import NO_ROOM
+
     try:
         yield
-    except (ValueError, OSError) as error:
+    except kinds as error:
+        if isinstance(error, OSError) and error.errno in NO_ROOM:
+            raise
         raise WrongCallError(str(error)) from error
 
 
@@ -274,22 +291,47 @@ def _faulty_config(parser: ArgumentParser | None, given: list[str]) -> str | Non
     return None
 
 
-def _add_build(parser: ArgumentParser) -> None:
-    from jsonargparse import ActionConfigFile, set_parsing_settings
+def _add_means(parser: ArgumentParser) -> None:
+    """What a build or a sweep is given to work with."""
     from jsonargparse.typing import PositiveInt
+
+    from engine.workers import Limits
+
+    parser.add_argument(
+        "--jobs", type=PositiveInt | None, help="worker processes (default: one per processor)"
+    )
+    parser.add_argument(
+        "--engine",
+        type=Literal["local", "dask"],
+        default="local",
+        help="where they run: here, or where Dask has workers",
+    )
+    parser.add_argument(
+        "--scheduler", type=str | None, help="Dask's address (default: one of our own, here)"
+    )
+    parser.add_class_arguments(Limits, "limits")
+
+
+def _means(made: Any) -> Means:
+    from engine.engines import Means
+
+    return Means(made.engine, made.scheduler, made.jobs, made.limits)
+
+
+def _add_build(parser: ArgumentParser) -> None:
+    from jsonargparse import set_parsing_settings
 
     from augment.sensors import Sensor
     from engine.config import BuildConfig
+    from engine.configfile import ConfigFile
     from subjects.source import Source
 
     set_parsing_settings(
         docstring_parse_attribute_docstrings=True, subclasses_enabled=[Sensor, Source]
     )
-    parser.add_argument("--config", action=ActionConfigFile, help="YAML file, see configs/")
+    parser.add_argument("--config", action=ConfigFile, help="YAML file, see configs/")
     parser.add_argument("--output", type=str, required=True, help="folder of the dataset")
-    parser.add_argument(
-        "--jobs", type=PositiveInt | None, help="worker processes (default: one per processor)"
-    )
+    _add_means(parser)
     parser.add_class_arguments(BuildConfig)
     parser.epilog = (
         "The options of a source or a sensor: --subjects.help Scans, --sensor.help KinectV2."
@@ -300,6 +342,7 @@ def _build(parser: ArgumentParser, parsed: Any) -> int:
     """Build a dataset of front/back RGB-D shards, or finish one."""
     from engine.build import build, open_build
     from engine.config import BuildConfig
+    from engine.engines import EngineError
 
     given = parsed.build.as_dict()
     names = [field.name for field in fields(BuildConfig)]
@@ -307,10 +350,11 @@ def _build(parser: ArgumentParser, parsed: Any) -> int:
     with _users_errors():
         made = parser.instantiate(parsed).build
         config = BuildConfig(**{name: made[name] for name in names})
+        means = _means(made)
         writer = open_build(config, record, Path(given["output"]))
     _on_interrupt(signal.default_int_handler)
-    with writer:
-        return DONE if build(config, writer, given["jobs"]) else FAILURES
+    with writer, _users_errors((EngineError,)):
+        return DONE if build(config, writer, means) else FAILURES
 
 
 def _add_verify(parser: ArgumentParser) -> None:
@@ -348,18 +392,16 @@ def _verify(parser: ArgumentParser, parsed: Any) -> int:
 
 
 def _add_sweep(parser: ArgumentParser) -> None:
-    from jsonargparse import ActionConfigFile, set_parsing_settings
-    from jsonargparse.typing import PositiveInt
+    from jsonargparse import set_parsing_settings
 
+    from engine.configfile import ConfigFile
     from engine.sweep import SweepConfig
 
     set_parsing_settings(docstring_parse_attribute_docstrings=True)
-    parser.add_argument("--config", action=ActionConfigFile, help="YAML file, see configs/")
+    parser.add_argument("--config", action=ConfigFile, help="YAML file, see configs/")
     parser.add_argument("--data", type=str, required=True, help="folder of the dataset")
     parser.add_argument("--output", type=str, required=True, help="folder of the sweep")
-    parser.add_argument(
-        "--jobs", type=PositiveInt | None, help="worker processes (default: one per processor)"
-    )
+    _add_means(parser)
     parser.add_class_arguments(SweepConfig)
 
 
@@ -369,21 +411,23 @@ def _sweep(parser: ArgumentParser, parsed: Any) -> int:
 
     given = parsed.sweep.as_dict()
     with _users_errors():
-        config = _of(SweepConfig, parser.instantiate(parsed).sweep)
+        made = parser.instantiate(parsed).sweep
+        config, means = _of(SweepConfig, made), _means(made)
         work = Sweep(config, Path(given["data"]), Path(given["output"]))
     _on_interrupt(signal.default_int_handler)
     with work, _users_errors():
-        return DONE if sweep(work, given["jobs"]) else FAILURES
+        return DONE if sweep(work, means) else FAILURES
 
 
 def _add_train(parser: ArgumentParser) -> None:
-    from jsonargparse import ActionConfigFile, set_parsing_settings
+    from jsonargparse import set_parsing_settings
 
+    from engine.configfile import ConfigFile
     from trainer.branch import Branch
     from trainer.training import TrainConfig
 
     set_parsing_settings(docstring_parse_attribute_docstrings=True, subclasses_enabled=[Branch])
-    parser.add_argument("--config", action=ActionConfigFile, help="YAML file, see configs/")
+    parser.add_argument("--config", action=ConfigFile, help="YAML file, see configs/")
     parser.add_argument("--data", type=str, required=True, help="folder of the dataset")
     parser.add_argument("--output", type=str, required=True, help="folder of the training")
     parser.add_argument("--workers", type=int, default=2, help="processes that read views")
@@ -426,13 +470,14 @@ def _train(parser: ArgumentParser, parsed: Any) -> int:
 
 
 def _add_reconstruct(parser: ArgumentParser) -> None:
-    from jsonargparse import ActionConfigFile, set_parsing_settings
+    from jsonargparse import set_parsing_settings
 
+    from engine.configfile import ConfigFile
     from engine.frame import FrameFiles
     from engine.reconstruct import Choice, ReconstructConfig
 
     set_parsing_settings(docstring_parse_attribute_docstrings=True)
-    parser.add_argument("--config", action=ActionConfigFile, help="YAML file")
+    parser.add_argument("--config", action=ConfigFile, help="YAML file")
     parser.add_argument("--data", type=str | None, help="folder of the dataset")
     parser.add_argument(
         "--output", type=str, required=True, help="folder of the meshes; of a frame, its mesh"
@@ -469,13 +514,14 @@ def _reconstruct(parser: ArgumentParser, parsed: Any) -> int:
 
 
 def _add_evaluate(parser: ArgumentParser) -> None:
-    from jsonargparse import ActionConfigFile, set_parsing_settings
+    from jsonargparse import set_parsing_settings
     from jsonargparse.typing import PositiveInt
 
+    from engine.configfile import ConfigFile
     from engine.evaluate import EvaluateConfig
 
     set_parsing_settings(docstring_parse_attribute_docstrings=True)
-    parser.add_argument("--config", action=ActionConfigFile, help="YAML file")
+    parser.add_argument("--config", action=ConfigFile, help="YAML file")
     parser.add_argument("--data", type=str, required=True, help="folder of the dataset")
     parser.add_argument("--meshes", type=str, required=True, help="folder of a method's meshes")
     parser.add_argument("--name", type=str, default="ours", help="the method's, in the table")
@@ -505,14 +551,15 @@ def _evaluate(parser: ArgumentParser, parsed: Any) -> int:
 
 
 def _add_experiment(parser: ArgumentParser) -> None:
-    from jsonargparse import ActionConfigFile, set_parsing_settings
+    from jsonargparse import set_parsing_settings
 
+    from engine.configfile import ConfigFile
     from experiments.config import ExperimentConfig
     from experiments.run import EXPERIMENTS
 
     set_parsing_settings(docstring_parse_attribute_docstrings=True)
     parser.add_argument("name", choices=list(EXPERIMENTS), help="table or figure")
-    parser.add_argument("--config", action=ActionConfigFile, help="YAML file, see configs/")
+    parser.add_argument("--config", action=ConfigFile, help="YAML file, see configs/")
     parser.add_argument("--output", type=str, required=True, help="folder of the study")
     parser.add_class_arguments(ExperimentConfig)
 

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from engine.config import BuildConfig
-from engine.stage import processors, run_stage
+from engine.engines import Engine, Means
+from engine.stage import run_stage
 from engine.tasks import ShardResult, Task, make_shard, make_subject, versions
 from shards.atomic import atomic_write
 from shards.dataset import SHARDS, SUBJECTS, DatasetWriter
@@ -36,11 +37,15 @@ def open_build(config: BuildConfig, record: dict[str, Any], output: Path) -> Dat
         ) from error
 
 
-def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
+def build(config: BuildConfig, writer: DatasetWriter, means: Means) -> bool:
     """Make the shards that a dataset lacks; returns whether it has them all then.
 
     Args:
-        jobs: worker processes; None takes one for each processor.
+        means: to do it with.
+
+    Raises:
+        OSError: there is no room to write.
+        EngineError: `means` cannot be had.
     """
     start = time.monotonic()
     missing = [subject for subject in writer.planned if subject not in writer.finished]
@@ -53,14 +58,7 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
             f"(their files in {writer.folder / SHARDS} may go)",
             file=sys.stderr,
         )
-    workers, threads = processors(jobs, len(missing))
     views = config.views.total
-    if missing:
-        people = "subject" if len(missing) == 1 else "subjects"
-        print(f"{len(missing)} {people} of {views} views, {workers} workers", file=sys.stderr)
-        wait = config.subjects.preparation()
-        if wait is not None:
-            print(wait, file=sys.stderr)
     refused = config.subjects.refused()
     for subject, why in refused.items():
         writer.fail(subject, "subjects", why)
@@ -70,11 +68,39 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
             + (" (and others like it)" if len(refused) > 1 else ""),
             file=sys.stderr,
         )
+    _lay_papers(config, writer.folder)
+    rendered = 0
+    if missing:
+        with means.open(len(missing), writer.folder) as engine:
+            people = "subject" if len(missing) == 1 else "subjects"
+            print(
+                f"{len(missing)} {people} of {views} views, {engine.workers} workers",
+                file=sys.stderr,
+            )
+            wait = config.subjects.preparation()
+            if wait is not None:
+                print(wait, file=sys.stderr)
+            rendered = _made(config, writer, missing, engine)
+    writer.finish()
+
+    elapsed = time.monotonic() - start
+    unmade = len(missing) - rendered
+    failures = unmade + len(refused)
+    per_view = f", {elapsed / (rendered * views):.2f} s per view" if rendered else ""
+    print(
+        f"{len(writer.planned) - unmade} shards of {views} views in {writer.folder}\n"
+        f"{rendered} made now in {elapsed:.0f} s{per_view}; {failures} set aside"
+        + (f", see {writer.folder / 'failures.jsonl'}" if failures else "")
+    )
+    return failures == 0
+
+
+def _made(config: BuildConfig, writer: DatasetWriter, subjects: list[str], engine: Engine) -> int:
+    """Make the shards of these subjects; returns how many there are then."""
     dataset = writer.folder.resolve()
-    _lay_papers(config, dataset)
     tasks = [
-        Task(subject, dataset, writer.shard_path(subject).resolve(), config, threads)
-        for subject in missing
+        Task(subject, dataset, writer.shard_path(subject).resolve(), config, engine.threads)
+        for subject in subjects
     ]
 
     def fail_in(stage: str) -> Callable[[Task, str], None]:
@@ -84,22 +110,18 @@ def build(config: BuildConfig, writer: DatasetWriter, jobs: int | None) -> bool:
         writer.add(task.subject, **asdict(shard))
 
     # Sums of one thread are the same wherever they are made.
-    made = run_stage("subjects", make_subject, tasks, workers, 1, fail_in("subjects"))
+    made = run_stage("subjects", make_subject, tasks, engine, 1, fail_in("subjects"))
     rendered = run_stage(
-        "render", make_shard, made, workers, threads, fail_in("render"), add, views
+        "render",
+        make_shard,
+        made,
+        engine,
+        engine.threads,
+        fail_in("render"),
+        add,
+        config.views.total,
     )
-    writer.finish()
-
-    elapsed = time.monotonic() - start
-    unmade = len(missing) - len(rendered)
-    failures = unmade + len(refused)
-    per_view = f", {elapsed / (len(rendered) * views):.2f} s per view" if rendered else ""
-    print(
-        f"{len(writer.planned) - unmade} shards of {views} views in {writer.folder}\n"
-        f"{len(rendered)} made now in {elapsed:.0f} s{per_view}; {failures} set aside"
-        + (f", see {writer.folder / 'failures.jsonl'}" if failures else "")
-    )
-    return failures == 0
+    return len(rendered)
 
 
 def _lay_papers(config: BuildConfig, dataset: Path) -> None:

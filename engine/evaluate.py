@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 import seeds
+from engine.engines import processors
 from engine.progress import Progress
-from engine.stage import processors, reason
+from engine.stage import reason
 from engine.workers import run
 from shards.atomic import atomic_write
 from shards.checksum import file_sha256

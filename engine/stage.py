@@ -7,11 +7,13 @@ import traceback
 from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
 
+from engine.engines import Engine
 from engine.progress import Progress
-from engine.workers import WorkerDiedError, cpu_count, run
+from engine.workers import WorkerDiedError
 from render.camera import FrameError
 from render.capture import CaptureError
 from shards.archive import ShardError
+from shards.atomic import NO_ROOM
 from subjects.mesh import MeshError
 from surface.mesh import SurfaceError
 
@@ -28,21 +30,11 @@ class SubjectTask(Protocol):
 TaskType = TypeVar("TaskType", bound=SubjectTask)
 
 
-def processors(jobs: int | None, tasks: int) -> tuple[int, int]:
-    """How many workers take `tasks` tasks, and how many threads each of them.
-
-    Args:
-        jobs: worker processes; None takes one for each processor.
-    """
-    workers = max(1, min(jobs or cpu_count(), tasks))
-    return workers, max(1, cpu_count() // workers)
-
-
 def run_stage(
     name: str,
     function: Callable[[TaskType], Any],
     tasks: list[TaskType],
-    workers: int,
+    engine: Engine,
     threads: int,
     failed: Callable[[TaskType, str], None],
     done: Callable[[TaskType, Any], None] | None = None,
@@ -54,18 +46,24 @@ def run_stage(
 
     Args:
         name: the stage's, for the progress.
+        engine: where it runs.
         threads: of the processor, that numerical libraries may use in a worker.
         failed: called with a task and one line of why it has no result.
         done: called with a task and its result as soon as it is there, if given.
         views: that a task of this stage makes, for the progress.
+
+    Raises:
+        OSError: there is no room to write, which is no subject's fault.
     """
     if not tasks:
         return []
     progress = Progress(name, len(tasks), views)
     worked = set()
     try:
-        for task, result in run(function, tasks, workers, threads):
+        for task, result in engine.run(function, tasks, threads):
             why = None
+            if isinstance(result, OSError) and result.errno in NO_ROOM:
+                raise result
             if isinstance(result, BaseException):
                 why = reason(result)
                 failed(task, why)

@@ -23,7 +23,8 @@ import numpy as np
 from augment.color_camera import ColorCamera
 from augment.light import LightConfig
 from augment.photograph import photograph
-from engine.stage import processors, run_stage
+from engine.engines import Means
+from engine.stage import run_stage
 from engine.tasks import RECORD, ShardResult, read_subject, subject_folder
 from render.camera import Camera
 from render.capture import capture_radiance
@@ -288,15 +289,18 @@ class SweepTask:
     threads: int
 
 
-def sweep(work: Sweep, jobs: int | None) -> bool:
+def sweep(work: Sweep, means: Means) -> bool:
     """Make the shards that a sweep lacks; returns whether it has them all then.
 
     Args:
-        jobs: worker processes; None takes one for each processor.
+        means: to do it with.
+
+    Raises:
+        OSError: there is no room to write.
+        EngineError: `means` cannot be had.
     """
     start = time.monotonic()
     lacking = len(work.lacking)
-    workers, threads = processors(jobs, lacking)
     powers, subjects = len(work.writers), len(work.planned)
     if lacking < subjects:
         print(f"{subjects - lacking} of {subjects} subjects stand already", file=sys.stderr)
@@ -311,8 +315,12 @@ def sweep(work: Sweep, jobs: int | None) -> bool:
         for power in task.powers:
             work.writers[power].fail(task.subject, "sweep", why)
 
-    tasks = work.tasks(threads)
-    failed = lacking - len(run_stage("sweep", light_subject, tasks, workers, threads, fail, add))
+    lit = 0
+    if lacking:
+        with means.open(lacking, work.folder) as engine:
+            tasks = work.tasks(engine.threads)
+            lit = len(run_stage("sweep", light_subject, tasks, engine, engine.threads, fail, add))
+    failed = lacking - lit
     work.finish()
     elapsed = time.monotonic() - start
     print(

@@ -7,14 +7,18 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+import psutil
 from joblib.externals.loky import ProcessPoolExecutor
+from joblib.externals.loky.backend import resource_tracker as loky_resource_tracker
 
 Item = TypeVar("Item")
 
@@ -23,7 +27,31 @@ MAX_DEATHS = 2
 
 
 class WorkerDiedError(RuntimeError):
-    """A task whose worker process died each time it was tried."""
+    """A task whose worker process died each time it was tried, or had to be stopped."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a worker process may take before it is stopped, or replaced by a fresh one."""
+
+    seconds: float | None = 3600
+    """Longest that a stage may take over one subject; its worker is stopped then, and the subject
+    set aside. null: for ever."""
+    subjects: int | None = 100
+    """A worker is replaced after so many subjects; null: never."""
+    megabytes: int | None = 3000
+    """A worker that holds more memory than this after a subject is replaced; null: never."""
+
+    def __post_init__(self) -> None:
+        if self.seconds is not None and not 0 < self.seconds < float("inf"):
+            raise ValueError(f"limits.seconds: {self.seconds}; give seconds, such as 3600, or null")
+        for name in ("subjects", "megabytes"):
+            given = getattr(self, name)
+            if given is not None and given < 1:
+                raise ValueError(f"limits.{name}: {given}; give 1 or more, or null")
+
+
+NO_LIMITS = Limits(None, None, None)
 
 
 def cpu_count() -> int:
@@ -32,63 +60,64 @@ def cpu_count() -> int:
 
 
 def run(
-    function: Callable[[Item], Any], items: Iterable[Item], jobs: int, threads: int
+    function: Callable[[Item], Any],
+    items: Iterable[Item],
+    jobs: int,
+    threads: int,
+    limits: Limits = NO_LIMITS,
+    environment: Mapping[str, str] | None = None,
 ) -> Iterator[tuple[Item, Any]]:
     """Call `function` on every item in `jobs` fresh processes; yield (item, result) as they end.
 
-    An exception is a result too: it is yielded, not raised. No more than `jobs` items are under
-    way at a time, so a worker that dies implicates few; those are tried once more, one by one,
-    and an item that kills its worker twice yields WorkerDiedError. Leaving the iterator early kills
-    the workers.
+    An exception is a result too: it is yielded, not raised. An item whose worker dies is tried once
+    more, after all others and alone, for it may have been the memory of both that was too much; one
+    that kills its worker twice, or takes too long, yields WorkerDiedError. No worker's end touches
+    what the others are at. Leaving the iterator early kills the workers.
 
     Args:
         threads: threads that numerical libraries may use in each process.
+        limits: of each process.
+        environment: variables that the processes have besides.
     """
     waiting = deque(_Attempt(item) for item in items)
-    suspects: deque[_Attempt] = deque()
-    while waiting or suspects:
-        alone = bool(suspects)
-        source, places = (suspects, 1) if alone else (waiting, jobs)
-        pool = _pool(places, threads)
-        under_way: dict[Future, _Attempt] = {}
-        try:
-            broken = False
-            while not broken:
-                while source and len(under_way) < places:
-                    try:
-                        with _no_interrupt():
-                            under_way[pool.submit(function, source[0].item)] = source[0]
-                    except BrokenProcessPool:  # a worker died since the last look
-                        broken = True
-                        break
-                    source.popleft()
-                if not under_way:
-                    break
-                done, _ = wait(under_way, return_when=FIRST_COMPLETED)
-                for future in done:
-                    attempt = under_way.pop(future)
-                    error = future.exception()
-                    if isinstance(error, BrokenProcessPool):
-                        broken = True
-                        attempt.deaths += 1
-                        if attempt.deaths < MAX_DEATHS:
-                            suspects.append(attempt)
-                        else:
-                            yield (
-                                attempt.item,
-                                WorkerDiedError(
-                                    f"its worker process died {MAX_DEATHS} times "
-                                    "(out of memory, killed, or a crash in native code)"
-                                ),
-                            )
-                    else:
-                        yield attempt.item, error if error is not None else future.result()
-            # What a dead pool held is as suspect as what it reported.
-            for attempt in under_way.values():
-                attempt.deaths += 1
-                suspects.append(attempt)
-        finally:
-            pool.shutdown(wait=True, kill_workers=True)
+    again: deque[_Attempt[Item]] = deque()
+    places: list[Worker[Item]] = [
+        Worker(function, threads, limits, environment) for _ in range(jobs)
+    ]
+    under_way: dict[Future[Any], tuple[Worker[Item], _Attempt[Item]]] = {}
+    try:
+        while waiting or again or under_way:
+            for place in places:
+                if waiting and not place.busy:
+                    attempt = waiting.popleft()
+                elif again and not under_way:
+                    attempt = again.popleft()
+                else:
+                    continue
+                under_way[place.submit(attempt.item)] = place, attempt
+            left = [place.seconds_left for place, _ in under_way.values()]
+            wait(under_way, timeout=max(0, min(left)), return_when=FIRST_COMPLETED)
+            for future, (place, attempt) in list(under_way.items()):
+                if not (future.done() or place.seconds_left <= 0):
+                    continue
+                del under_way[future]
+                try:
+                    yield attempt.item, place.result()
+                except BrokenProcessPool:
+                    attempt.deaths += 1
+                    if attempt.deaths < MAX_DEATHS:
+                        again.append(attempt)
+                        continue
+                    yield (
+                        attempt.item,
+                        WorkerDiedError(
+                            f"its worker process died {MAX_DEATHS} times "
+                            "(out of memory, killed, or a crash in native code)"
+                        ),
+                    )
+    finally:
+        for place in places:
+            place.end()
 
 
 @dataclass
@@ -97,9 +126,120 @@ class _Attempt(Generic[Item]):
     deaths: int = 0
 
 
+@dataclass
+class Worker(Generic[Item]):
+    """One process that calls a function on one item at a time, and a fresh one in its place where
+    it died, was stopped, or has served its time.
+
+    Args:
+        function: of the item, pickled.
+        threads: threads that numerical libraries may use in it.
+        limits: of the process.
+        environment: variables that it has besides.
+    """
+
+    function: Callable[[Item], Any]
+    threads: int
+    limits: Limits = NO_LIMITS
+    environment: Mapping[str, str] | None = None
+    _pool: ProcessPoolExecutor | None = field(default=None, init=False)
+    _future: Future[Any] | None = field(default=None, init=False)
+    _begun: float = field(default=0.0, init=False)
+    _served: int = field(default=0, init=False)
+
+    @property
+    def busy(self) -> bool:
+        """Whether an item is under way, or its result has not been taken."""
+        return self._future is not None
+
+    @property
+    def seconds_left(self) -> float:
+        """Until the item that is under way has taken too long."""
+        if self.limits.seconds is None:
+            return float(threading.TIMEOUT_MAX)
+        return self._begun + self.limits.seconds - time.monotonic()
+
+    def submit(self, item: Item) -> Future[Any]:
+        """Begin with an item; the future says when, and no more: `result` is to be asked."""
+        assert self._future is None
+        with _no_interrupt():
+            try:
+                self._future = self._started().submit(_serve, self.function, item)
+            except BrokenProcessPool:  # it died while it had nothing to do
+                self.end()
+                self._future = self._started().submit(_serve, self.function, item)
+        self._begun = time.monotonic()
+        return self._future
+
+    def result(self) -> Any:
+        """What became of the item that is under way; its time is over, or it is done.
+
+        Returns:
+            What the function returned or raised, or WorkerDiedError where it took too long.
+
+        Raises:
+            BrokenProcessPool: the process died.
+        """
+        assert self._future is not None
+        future, self._future = self._future, None
+        if not future.done():
+            self.end()
+            return WorkerDiedError(
+                f"it took longer than {self.limits.seconds:g} s and was stopped; "
+                "see limits.seconds if it is to have more time"
+            )
+        error = future.exception()
+        if isinstance(error, BrokenProcessPool):
+            self.end()
+            raise error
+        self._served += 1
+        result, megabytes = (error, 0.0) if error is not None else future.result()
+        if (self.limits.subjects is not None and self._served >= self.limits.subjects) or (
+            self.limits.megabytes is not None and megabytes > self.limits.megabytes
+        ):
+            self.end()
+        return result
+
+    def end(self) -> None:
+        """Kill the process and all that it started."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, kill_workers=True)
+        self._pool, self._future, self._served = None, None, 0
+
+    def _started(self) -> ProcessPoolExecutor:
+        if self._pool is None:
+            names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+            threads = {name: str(self.threads) for name in (*names, "NUMEXPR_NUM_THREADS")}
+            self._pool = ProcessPoolExecutor(
+                max_workers=1,
+                timeout=None,
+                initializer=_start,
+                initargs=(os.getpid(),),
+                env={**threads, **(self.environment or {})},
+            )
+        return self._pool
+
+
+def _serve(function: Callable[[Item], Any], item: Item) -> tuple[Any, float]:
+    """In the worker: the function's result, and the megabytes that the process holds then."""
+    result = function(item)
+    return result, psutil.Process().memory_info().rss / 1e6
+
+
+def remove_semaphores(process: int) -> None:
+    """Remove what the pools of a process that was killed left named in the system (Linux)."""
+    if psutil.pid_exists(process):
+        return
+    for path in Path("/dev/shm").glob(f"sem.loky-{process}-*"):
+        path.unlink(missing_ok=True)
+
+
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
     """Ctrl-C waits, and processes that are started never hear it: they are the parent's to end."""
+    # Whoever starts one of these lets signals through again.
+    for tracker in (resource_tracker, loky_resource_tracker):
+        tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -107,24 +247,18 @@ def _no_interrupt() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _pool(jobs: int, threads: int) -> ProcessPoolExecutor:
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
-    return ProcessPoolExecutor(
-        max_workers=jobs,
-        timeout=None,
-        initializer=_start,
-        env={name: str(threads) for name in names},
-    )
+def _start(parent: int) -> None:
+    """Keep a worker quiet and its parent's: no output, no Ctrl-C of its own, no life alone.
 
-
-def _start() -> None:
-    """Keep a worker quiet and its parent's: no output, no Ctrl-C of its own, no life alone."""
+    Args:
+        parent: its process, told by itself: it may be gone before anybody asks here.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for descriptor in (1, 2):  # Blender writes to descriptor 1 from C
         os.dup2(nowhere, descriptor)
     os.close(nowhere)
-    threading.Thread(target=_die_with, args=(os.getppid(),), daemon=True).start()
+    threading.Thread(target=_die_with, args=(parent,), daemon=True).start()
 
 
 def _die_with(parent: int) -> None:

@@ -18,7 +18,7 @@ import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any, Literal
 
@@ -26,8 +26,16 @@ import numpy as np
 
 from shards import schema
 from shards.atomic import atomic_write
+from shards.files import open_file
 
 Compression = Literal["stored", "deflate"]
+
+UNPACKED_LIMIT = 2**32
+"""Bytes that the deflated members of a shard may unpack to, over 400 views of 424 x 512 pixels: a
+file of megabytes can claim any number. Stored members are as large as their file says."""
+
+META_LIMIT = 2**26
+"""Bytes of `meta`, which every opening reads: thousands of views take one of them."""
 
 _ALIGNMENT = 64
 _LOCAL_HEADER = struct.Struct("<4s22xHH")  # signature, length of the name, length of the extra
@@ -125,6 +133,11 @@ class StoredMember:
         """How many numbers it holds."""
         return math.prod(self.shape)
 
+    @property
+    def bytes(self) -> int:
+        """How many bytes they take."""
+        return self.count * self.dtype.itemsize
+
 
 class Shard:
     """A shard to read: `shard["depth_front"]` is the member's array, `shard.view(i)` one view.
@@ -156,12 +169,14 @@ class Shard:
     def __init__(self, path: Path | str, *, alone: bool = False) -> None:
         self.path = Path(path)
         self._map: mmap.mmap | None = None
-        with _errors_named(self.path), self.path.open("rb") as file:
+        with _errors_named(self.path), open_file(self.path) as file:
             self.members, self.contents = _read_directory(file)
             if schema.META not in self.members:
                 raise ValueError("it has no member 'meta'")
             if self.members[schema.META].dtype.kind != "U":
                 raise ValueError("member 'meta' is no text")
+            if self.members[schema.META].bytes > META_LIMIT:
+                raise ValueError(f"member 'meta' has over {META_LIMIT} bytes")
             text = str(_read_whole(file, schema.META))
             self.meta: dict[str, Any] = json.loads(text, parse_constant=_refuse_constant)
             if not isinstance(self.meta, dict):
@@ -221,12 +236,12 @@ class Shard:
             return self.base[name]
         with _errors_named(self.path):
             if member.offset is None:
-                with self.path.open("rb") as file:
+                with open_file(self.path) as file:
                     array = _read_whole(file, name)
                 array.flags.writeable = False
                 return array
             if self._map is None:
-                with self.path.open("rb") as file:
+                with open_file(self.path) as file:
                     self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
             flat = np.frombuffer(self._map, member.dtype, member.count, member.offset)
             return flat.reshape(member.shape)
@@ -277,7 +292,8 @@ class Shard:
 _BROKEN = (
     *(ValueError, KeyError, EOFError, OSError, NotImplementedError, OverflowError, RecursionError),
     *(zipfile.BadZipFile, zlib.error, struct.error),
-    *(TypeError, SyntaxError, tokenize.TokenError),  # numpy parses a header as Python text
+    # numpy parses a header as Python text, and allocates what it says
+    *(TypeError, SyntaxError, tokenize.TokenError, MemoryError),
 )
 """What zipfile, zlib, json and numpy raise at torn or foreign bytes."""
 
@@ -302,7 +318,8 @@ def _read_directory(file: IO[bytes]) -> tuple[dict[str, StoredMember], str]:
     """Where the members lie, and the hash of what the directory says of their contents."""
     contents = hashlib.sha256()
     end = file.seek(0, io.SEEK_END)
-    members = {}
+    members: dict[str, StoredMember] = {}
+    unpacked = 0
     with zipfile.ZipFile(file) as archive:
         for info in archive.infolist():
             name = info.filename.removesuffix(".npy")
@@ -311,18 +328,22 @@ def _read_directory(file: IO[bytes]) -> tuple[dict[str, StoredMember], str]:
             with archive.open(info) as stream:
                 shape, dtype = _read_array_header(name, stream)
                 header = stream.tell()
-            nbytes = math.prod(shape) * dtype.itemsize
-            if header + nbytes != info.file_size:
+            member = StoredMember(None, shape, dtype)
+            if header + member.bytes != info.file_size or min(shape, default=0) < 0:
                 raise ValueError(f"member {name!r} is {info.file_size} bytes, its header says else")
-            offset = None
             if info.compress_type == zipfile.ZIP_STORED:
                 file.seek(info.header_offset)
                 _, name_length, extra_length = _LOCAL_HEADER.unpack(file.read(_LOCAL_HEADER.size))
                 # The directory's own extra field may differ in length: only this one counts.
                 offset = file.tell() + name_length + extra_length + header
-                if offset + nbytes > end:
+                if offset + member.bytes > end:
                     raise ValueError(f"member {name!r} reaches past the file's end")
-            members[name] = StoredMember(offset, shape, dtype)
+                member = replace(member, offset=offset)
+            else:
+                unpacked += member.bytes
+                if unpacked > UNPACKED_LIMIT:
+                    raise ValueError(f"its members unpack to over {UNPACKED_LIMIT} bytes")
+            members[name] = member
             contents.update(f"{name} {info.file_size} {info.CRC}\n".encode())
     return members, contents.hexdigest()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import socket
@@ -10,6 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 _SUFFIX = ".tmp"
+
+NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS})
+"""Errors of a disk that takes no more, whatever is to be written."""
 
 
 @contextmanager

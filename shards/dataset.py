@@ -19,6 +19,7 @@ from shards.atomic import atomic_write, is_temporary, remove_temporary_files
 from shards.card import render_card
 from shards.checksum import file_sha256
 from shards.croissant import describe
+from shards.files import open_file
 from shards.lock import LOCK, lock_folder
 from shards.manifest import (
     DatasetError,
@@ -307,9 +308,9 @@ class DatasetWriter:
         card = render_card(name, _DESCRIPTION, block, licences, members, lent)
         text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False)
         with atomic_write(self.folder / DOCUMENT) as file:
-            file.write(text.encode() + b"\n")
+            file.write(text.encode(errors="backslashreplace") + b"\n")
         with atomic_write(self.folder / CARD) as file:
-            file.write(card.encode())
+            file.write(card.encode(errors="backslashreplace"))
 
 
 class Dataset:
@@ -422,13 +423,16 @@ def config_sha256(config: Mapping[str, Any]) -> str:
 def _read_block(folder: Path) -> dict[str, Any]:
     path = folder / DOCUMENT
     try:
-        block = json.loads(path.read_bytes())[_BLOCK]
+        with open_file(path) as file:
+            block = json.loads(file.read())[_BLOCK]
         version = block["schema_version"]
         missing = [key for key in ("seed", "splits", "counts", "totals") if key not in block]
         if missing:
             raise ValueError(f"it lacks {', '.join(missing)}")
         if config_sha256(block["config"]) != block["config_sha256"]:
             raise ValueError("its config and config_sha256 disagree")
+        if not isinstance(block["config"], dict):
+            raise ValueError("its config is no object")
         if not isinstance(block["counts"]["planned"], int):
             raise ValueError("its counts.planned is no number")
         names = [name for split in SPLITS for name in block["splits"][split]]
@@ -441,6 +445,10 @@ def _read_block(folder: Path) -> dict[str, Any]:
             ) from None
         raise DatasetError(
             f"{folder} holds no {DOCUMENT}; name a folder that a build has made"
+        ) from None
+    except OSError as error:
+        raise DatasetError(
+            f"{path} cannot be opened ({error.strerror}); check its rights"
         ) from None
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise DatasetError(f"{path} is no dataset's ({error}); build the dataset again") from None

@@ -6,11 +6,14 @@ it is for the surfaces that are rendered.
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 import trimesh
+from trimesh.resolvers import FilePathResolver
 
+from shards.files import open_file
 from shards.wavefront import read_obj
 
 
@@ -25,13 +28,12 @@ def read_geometry(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     Raises:
         ValueError: if the file cannot be parsed or holds no triangles; one line that names it.
-        OSError: if it cannot be opened.
+        OSError: if it cannot be opened, or is no regular file.
     """
+    open_file(path).close()
     try:
         vertices, faces, normals = (read_obj if path.suffix.lower() == ".obj" else _read_any)(path)
-    except OSError:
-        raise
-    except Exception as error:  # a parser meets damage in too many ways to list
+    except Exception as error:  # a parser meets damage, and missing buffers, in too many ways
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise ValueError(f"{path} is damaged or no surface ({reason})") from error
     if len(faces) == 0:
@@ -45,7 +47,14 @@ def read_geometry(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _read_any(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same by trimesh's parser, every part where the file's scene graph puts it."""
-    scene = trimesh.load_scene(path, process=False, skip_materials=True)
+    # Of a file trimesh would allocate what a length in it claims, of bytes what is there.
+    scene = trimesh.load_scene(
+        io.BytesIO(path.read_bytes()),
+        file_type=path.suffix[1:].lower(),
+        resolver=FilePathResolver(path),
+        process=False,
+        skip_materials=True,
+    )
     vertices, faces, normals = [np.empty((0, 3))], [np.empty((0, 3), int)], [np.empty((0, 3))]
     count = 0
     for node in scene.graph.nodes_geometry:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from shards.atomic import atomic_write
+from shards.files import open_file
 from shards.schema import check_relative_path, check_subject_id
 from shards.splits import SPLITS, Split
 
@@ -90,12 +91,17 @@ def read_json_lines(path: Path) -> list[tuple[int, dict[str, Any]]]:
     A last line without its line feed was torn by a killed writer and is left out.
 
     Raises:
-        DatasetError: at a whole line that is no JSON object.
+        DatasetError: at a whole line that is no JSON object, or where the file cannot be read.
     """
     try:
-        lines = path.read_bytes().split(b"\n")[:-1]
+        with open_file(path) as file:
+            lines = file.read().split(b"\n")[:-1]
     except FileNotFoundError:
         return []
+    except OSError as error:
+        raise DatasetError(
+            f"{path} cannot be opened ({error.strerror}); check its rights"
+        ) from None
     records = []
     for number, line in enumerate(lines, start=1):
         try:
@@ -158,4 +164,6 @@ def _flatten(config: Any, prefix: str = "") -> dict[str, Any]:
 
 
 def _json_line(record: dict[str, Any]) -> bytes:
-    return json.dumps(record, allow_nan=False, ensure_ascii=False).encode() + b"\n"
+    text = json.dumps(record, allow_nan=False, ensure_ascii=False)
+    # A path may stand for bytes that are no text; their escapes are JSON.
+    return text.encode(errors="backslashreplace") + b"\n"

@@ -231,7 +231,10 @@ def check_meta(meta: Mapping[str, Any], views: int, height: int, width: int) -> 
         check_relative_path(meta["body"], "meta.body")
     if not _SHA256.fullmatch(meta["mesh_sha256"]):
         raise SchemaError(f"meta.mesh_sha256 is {meta['mesh_sha256']!r}, not 64 hex digits")
-    for name, sha256 in meta.get("files", {}).items():
+    files = meta.get("files", {})
+    if not isinstance(files, dict):
+        raise SchemaError(f"meta.files is {files!r}, which is no dict")
+    for name, sha256 in files.items():
         check_relative_path(name, "meta.files")
         if not isinstance(sha256, str) or not _SHA256.fullmatch(sha256):
             raise SchemaError(f"meta.files has {sha256!r} for '{name}', not 64 hex digits")

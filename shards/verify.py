@@ -252,8 +252,12 @@ class _SubjectCheck:
         try:
             size = path.stat().st_size
             digest = file_sha256(path)
-        except OSError:
+        except FileNotFoundError:
             raise ShardError(f"{path} is missing; run the build again") from None
+        except OSError as error:
+            raise ShardError(
+                f"{path} cannot be opened ({error.strerror}); check its rights"
+            ) from None
         if size != self.entry.bytes:
             self.breach(
                 f"{path} is {size} bytes, the manifest says {self.entry.bytes}; run the build again"

@@ -11,6 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+LONGEST_NUMBER = 100
+"""Letters of a number; exact ones take about 25."""
+
 _CORNER = re.compile(rb"(?<!\S)(-?\d+)(?:/-?\d*(?:/(-?\d*))?)?(?!\S)")
 
 
@@ -58,13 +61,22 @@ def read_obj(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _triples(lines: list[bytes]) -> np.ndarray:
     """(N, 3) float64: the first three numbers of each line."""
-    words = np.array([line.split(None, 3)[:3] for line in lines], dtype=np.bytes_)
-    return words.reshape(-1, 3).astype(np.float64)
+    rows = [line.split(None, 3)[:3] for line in lines]
+    if any(len(row) < 3 for row in rows):
+        raise ValueError("a line has fewer than 3 numbers")
+    return _table([word for row in rows for word in row]).reshape(-1, 3).astype(np.float64)
+
+
+def _table(words: list[bytes]) -> np.ndarray:
+    """The words as an array, each of which takes as much as the longest."""
+    if max(map(len, words), default=0) > LONGEST_NUMBER:
+        raise ValueError(f"a number has over {LONGEST_NUMBER} letters")
+    return np.array(words, dtype=np.bytes_)
 
 
 def _resolve(words: list[bytes], above: np.ndarray, count: int) -> np.ndarray:
     """Indices from 0; an index of 0, which names nothing, becomes -1."""
-    named = np.array(words, dtype=np.bytes_).astype(np.int64)
+    named = _table(words).astype(np.int64)
     index = np.where(named < 0, named + above, named - 1)
     if ((index >= count) | ((index < 0) & (named != 0))).any():
         raise ValueError(f"a face names a line that is none of the file's {count}")

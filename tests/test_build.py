@@ -222,7 +222,7 @@ def test_ctrl_c_ends_at_once_and_leaves_no_process(built, tmp_path):
     _, stderr = process.communicate(timeout=20)
     assert process.returncode == 130
     assert "run the same command again" in stderr
-    assert "Traceback" not in stderr
+    assert "Traceback" not in stderr, stderr
     deadline = time.monotonic() + 10
     while session_members(process.pid) and time.monotonic() < deadline:
         time.sleep(0.1)

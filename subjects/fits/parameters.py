@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from subjects.fits.pickles import LARGEST_MB, read_npy, read_npz, read_pickle
+from subjects.fits.pickles import LARGEST_MB, read_json, read_npy, read_npz, read_pickle
 from subjects.mesh import MeshError
 
 Gender = Literal["neutral", "female", "male"]
@@ -141,7 +140,7 @@ def read_values(path: Path, largest_mb: float = LARGEST_MB) -> Mapping[str, Any]
     elif kind == ".npy":
         values = read_npy(path, largest_mb)
     elif kind == ".json":
-        values = _read_json(path, largest_mb)
+        values = read_json(path, largest_mb)
     elif kind in (".pkl", ".pickle", ".pt", ".pth"):
         values = read_pickle(path, largest_mb)
     else:
@@ -348,14 +347,3 @@ def _gender(value: Any) -> Gender | None:
 
 def _flag(value: Any) -> bool | None:
     return None if value is None else bool(_flat(value, "flat_hand_mean").all())
-
-
-def _read_json(path: Path, largest_mb: float) -> Any:
-    try:
-        if path.stat().st_size > largest_mb * 2**20:
-            raise MeshError(f"{path}: holds over {largest_mb:g} MB; raise subjects.limits.fit_mb")
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise MeshError(f"{path}: cannot be opened ({error.strerror}); check its rights") from None
-    except (ValueError, RecursionError):
-        raise MeshError(f"{path}: is damaged, truncated or no JSON; export it again") from None

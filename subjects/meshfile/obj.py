@@ -14,6 +14,7 @@ from subjects.limits import Limits
 from subjects.mesh import Material, MeshError
 from subjects.meshfile.folder import Folder
 from subjects.meshfile.mtl import read_mtl
+from subjects.meshfile.part import check_corners
 
 _BLOCK = 10_000  # faces whose corners are looked at together
 
@@ -70,7 +71,8 @@ def _check_faces(text: str, limits: Limits) -> None:
     only_vt = only_vn = False
     for start in range(0, len(lines), _BLOCK):
         block = lines[start : start + _BLOCK]
-        indices, given = _indices(" ".join(["", *block]))
+        indices, given, corners = _indices("\n".join(["", *block]))
+        check_corners(corners)
         triangles += indices.shape[1] - 2 * len(block)
         negative = negative or bool((indices < 0).any())
         for (key, count), named, has in zip(held.items(), indices, given, strict=True):
@@ -93,17 +95,21 @@ def _check_faces(text: str, limits: Limits) -> None:
         )
 
 
-def _indices(corners: str) -> tuple[np.ndarray, np.ndarray]:
-    """(3, n) int, v, vt and vn of each corner, and (3, n) bool, where it has them.
+def _indices(corners: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(3, n) int, v, vt and vn of each corner, and (3, n) bool, where it has them; corners a face.
 
     Args:
-        corners: as in an OBJ file, "v", "v/vt", "v//vn" or "v/vt/vn", with blanks before each.
+        corners: as in an OBJ file, "v", "v/vt", "v//vn" or "v/vt/vn", with blanks before each and
+            a line feed before each face.
     """
     letters = np.frombuffer(corners.encode(), dtype=np.uint8)
     slash, blank = letters == ord("/"), letters <= ord(" ")
     gap = slash | blank
     number = np.flatnonzero(~gap & np.roll(gap, 1))
-    corner = np.cumsum(~blank & np.roll(blank, 1), dtype=np.int32)[number] - 1
+    starts = ~blank & np.roll(blank, 1)
+    corner = np.cumsum(starts, dtype=np.int32)[number] - 1
+    line = np.cumsum(letters == ord("\n"), dtype=np.int32)
+    faces = np.bincount(line[starts] - 1, minlength=line[-1])
     slashes = np.cumsum(slash, dtype=np.int32)[number]
     first = np.flatnonzero(np.diff(corner, prepend=-1))
     place = slashes - slashes[first][corner]
@@ -112,4 +118,4 @@ def _indices(corners: str) -> tuple[np.ndarray, np.ndarray]:
     given = np.zeros(indices.shape, dtype=bool)
     indices[place, corner] = found
     given[place, corner] = True
-    return indices, given
+    return indices, given, faces

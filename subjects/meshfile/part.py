@@ -14,6 +14,9 @@ from subjects.color import linear_to_srgb
 from subjects.mesh import Material, MeshError
 from subjects.meshfile.folder import Folder
 
+CORNERS = 1000
+"""Most corners of a face: it becomes a fan of triangles, which is right of convex ones alone."""
+
 
 @dataclass(eq=False)
 class Part:
@@ -25,6 +28,16 @@ class Part:
     uv: np.ndarray | None  # (N, 2)
     colors: np.ndarray | None  # (N, 3) uint8 sRGB
     material: Material
+
+
+def check_corners(counts: np.ndarray | tuple[int, ...]) -> None:
+    """MeshError where one of these numbers of a face's corners cannot be right."""
+    for count in (np.min(counts, initial=3), np.max(counts, initial=3)):
+        if not 3 <= count <= CORNERS:
+            raise MeshError(
+                f"has a face of {count} corners, where 3 to {CORNERS} are due; "
+                "copy it again, or triangulate it on export"
+            )
 
 
 def placed_parts(loaded: dict[str, Any], folder: Folder) -> Iterator[Part]:
@@ -55,7 +68,9 @@ def _placed(graph: Iterable[dict[str, Any]]) -> Iterator[tuple[np.ndarray, str]]
 
 def _part(geometry: dict[str, Any], matrix: np.ndarray, cover: Material | None) -> Part:
     vertices = np.asarray(geometry["vertices"], dtype=np.float64)
-    faces = triangulate_quads(geometry["faces"]).reshape(-1, 3)
+    faces = geometry["faces"]
+    check_corners(np.shape(faces)[1:] if np.ndim(faces) > 1 else np.array([len(f) for f in faces]))
+    faces = triangulate_quads(faces).reshape(-1, 3)
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise MeshError(f"a face names a vertex that is none of its {len(vertices)}; export again")
 

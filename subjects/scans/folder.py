@@ -13,12 +13,19 @@ from subjects.meshfile import EXTENSIONS
 BODY = "body.obj"
 """The file beside a scan that holds its parametric body, in letters of either case."""
 
+LONGEST_ID = 150
+"""Letters of an id: files are named by it, and 255 bytes are what a name may have."""
+
+_UNFIT = re.compile(r"[\\\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""What no portable path holds: what parts it on other systems, moves a terminal's cursor or turns
+its text round, and what stands for bytes that are no UTF-8."""
+
 
 def scans_below(root: Path, pattern: str) -> Iterator[tuple[str, Path]]:
     """Id and file of every scan below `root` that `pattern` names, by path.
 
     "0525/0525.obj" is "0525", "a/b.glb" is "a_b". Hidden files, `body.obj` and files with "smplx"
-    in their name are no scans.
+    in their name are no scans. Links that lead nowhere and pipes are: reading them tells why not.
     """
     for path in sorted(root.glob(pattern)):
         below = path.relative_to(root)
@@ -57,6 +64,25 @@ def scan_id(below: Path) -> str:
     return re.sub(r"[^A-Za-z0-9._-]", "_", "_".join(parts))
 
 
+def fault_of_name(name: str, below: Path) -> str | None:
+    """Why a scan at `below` its root, of the id `name`, cannot be part of a dataset; or None."""
+    if _UNFIT.search(str(below)):
+        return (
+            "has a name with backslashes, control characters or bytes that are no text; rename it"
+        )
+    if len(name) > LONGEST_ID:
+        return (
+            f"has an id of {len(name)} characters, where {LONGEST_ID} are the most; "
+            "shorten the names of the file and its folders"
+        )
+    return None
+
+
+def shown(path: Path) -> str:
+    """A path as text that a terminal and a file of text take."""
+    return _UNFIT.sub(lambda match: ascii(match[0])[1:-1], str(path))
+
+
 def place_of(subject: str, path: Path, root: Path) -> Place:
     """What patterns may say of the scan at `path`."""
     folder = path.parent.relative_to(root).as_posix()
@@ -65,7 +91,7 @@ def place_of(subject: str, path: Path, root: Path) -> Place:
 
 def is_body(path: Path) -> bool:
     """Whether a file is the parametric body of the scan that it lies beside."""
-    return path.name.lower() == BODY and path.is_file()
+    return path.name.lower() == BODY and not path.is_dir()
 
 
 def linked(source: Path, link: Path) -> Path:
@@ -83,4 +109,4 @@ def linked(source: Path, link: Path) -> Path:
 
 def _is_scan(path: Path) -> bool:
     body = is_body(path) or "smplx" in path.name.lower()
-    return path.suffix.lower() in EXTENSIONS and not body and path.is_file()
+    return path.suffix.lower() in EXTENSIONS and not body and not path.is_dir()

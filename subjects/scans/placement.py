@@ -106,7 +106,7 @@ class Placement:
         span = float((highest - lowest)[[0, 2]].max())
         if span > WIDEST * height:
             raise MeshError(
-                f"is {height:.2f} m high and {span:.2f} m across: it seems to lie; "
+                f"is {height:.4g} m high and {span:.4g} m across: it seems to lie; "
                 f"correct subjects.up: {self.up}"
             )
         middle = (lowest + highest) / 2

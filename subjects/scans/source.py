@@ -23,12 +23,14 @@ from subjects.meshfile import check_winding, read_mesh, read_mesh_and_files, rea
 from subjects.scans.agreement import check_size, distances
 from subjects.scans.folder import (
     BODY,
+    fault_of_name,
     find_scans,
     is_body,
     linked,
     place_of,
     scan_id,
     scans_below,
+    shown,
 )
 from subjects.scans.placement import Axis, Placement, Unit
 from subjects.source import Source
@@ -126,19 +128,20 @@ class Scans(Source):
         Raises:
             ValueError: `root` holds no scans, or two of them get the same id.
         """
-        return sorted(self._paths)[: self.limit]
+        return sorted(self._paths.keys() - self._misnamed.keys())[: self.limit]
 
     def refused(self) -> dict[str, str]:
-        """As `Source.refused`: the fits whose scan is missing, where no `limit` narrows the set."""
+        """As `Source.refused`: unfit names, and fits without a scan; none for a `limit`."""
         if self.limit is not None:
             return {}
         # Scans that `pattern` leaves out are there all the same.
         scans = scans_below(self._root, "**/*")
         places = [place_of(name, path, self._root) for name, path in scans]
         strays = self.fits.strays(places, self._root)
-        return {
-            scan_id(Path(f"{name}.fit")): f"{path}: is a fit without a scan in '{self._root}'; put "
-            "the scan there or take the fit away, or set subjects.fits.unmatched: ignored"
+        return self._misnamed | {
+            scan_id(Path(f"{name}.fit")): f"{shown(path)}: is a fit without a scan in "
+            f"'{self._root}'; put the scan there or take the fit away, or set "
+            "subjects.fits.unmatched: ignored"
             for name, path in strays.items()
         }
 
@@ -317,6 +320,15 @@ class Scans(Source):
     @cached_property
     def _paths(self) -> dict[str, Path]:
         return find_scans(self._root, self.pattern)
+
+    @cached_property
+    def _misnamed(self) -> dict[str, str]:
+        """Id -> reason, of the scans whose names no dataset can take."""
+        faults = {
+            name: fault_of_name(name, path.relative_to(self._root))
+            for name, path in self._paths.items()
+        }
+        return {name: f"{shown(self._paths[name])}: {why}" for name, why in faults.items() if why}
 
 
 def _middle_height(mesh_to_world: np.ndarray, mesh: Mesh, body: Body | None) -> float:

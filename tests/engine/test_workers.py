@@ -9,7 +9,10 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from engine.workers import WorkerDiedError, run
+import numpy as np
+import pytest
+
+from engine.workers import Limits, WorkerDiedError, run
 
 
 def pid(_item: int) -> int:
@@ -42,6 +45,47 @@ def wait_until(condition: Callable[[], bool], seconds: float = 20) -> None:
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.05)
+
+
+def hang_on_one(folder: Path, item: int) -> int:
+    """Item 1 starts a process of its own and waits for it for a minute."""
+    if item == 1:
+        child = subprocess.Popen(["sleep", "60"])
+        (folder / str(child.pid)).touch()
+        child.wait()
+    return os.getpid()
+
+
+def die_beside(folder: Path, item: int) -> tuple[int, int]:
+    """Item 0 dies once, as soon as item 1 is under way; that one sees it and goes on."""
+    (folder / f"{item}-{os.getpid()}").touch()
+    if item == 0 and len(list(folder.glob("0-*"))) == 1:
+        wait_until(lambda: bool(list(folder.glob("1-*"))))
+        os.kill(os.getpid(), signal.SIGKILL)
+    if item == 1:
+        time.sleep(3)
+    return item, len(list(folder.glob(f"{item}-*")))
+
+
+def alive(process: int) -> bool:
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+HELD: list[np.ndarray] = []
+
+
+def hold(megabytes: int) -> int:
+    """Keep so much more memory from now on."""
+    HELD.append(np.ones((megabytes, 125_000)))
+    return os.getpid()
+
+
+def variable(name: str) -> str | None:
+    return os.environ.get(name)
 
 
 def chatter(_item: int) -> int:
@@ -107,3 +151,41 @@ def test_leaving_early_ends_the_workers():
     _, worker = next(results)
     results.close()
     wait_until(lambda: not Path(f"/proc/{worker}").exists())
+
+
+def test_a_worker_that_dies_takes_no_other_along(tmp_path):
+    tries = dict(result for _, result in run(partial(die_beside, tmp_path), [0, 1], 2, threads=1))
+    assert tries == {0: 2, 1: 1}
+
+
+def test_what_hangs_is_stopped_with_all_it_started_and_the_others_go_on(tmp_path):
+    items = range(4)
+    start = time.monotonic()
+    results = dict(run(partial(hang_on_one, tmp_path), items, 2, 1, Limits(seconds=3)))
+    assert time.monotonic() - start < 40
+    assert isinstance(results[1], WorkerDiedError)
+    assert "longer than 3 s" in str(results[1])
+    assert all(isinstance(results[k], int) for k in (0, 2, 3))
+    (child,) = tmp_path.iterdir()
+    wait_until(lambda: not alive(int(child.name)))
+
+
+def test_a_worker_is_replaced_after_so_many_items():
+    pids = [result for _, result in run(pid, range(5), 1, 1, Limits(subjects=2))]
+    assert pids[0] == pids[1] != pids[2] == pids[3] != pids[4]
+
+
+def test_a_worker_that_holds_too_much_memory_is_replaced():
+    pids = [r for _, r in run(hold, [1, 1, 600, 1], 1, 1, Limits(megabytes=500))]
+    assert pids[0] == pids[1] == pids[2] != pids[3]
+
+
+def test_workers_have_the_variables_that_are_given():
+    (result,) = run(variable, ["RECTOVERSO_TEST"], 1, 1, environment={"RECTOVERSO_TEST": "so"})
+    assert result == ("RECTOVERSO_TEST", "so")
+
+
+@pytest.mark.parametrize("wrong", [{"seconds": 0}, {"subjects": 0}, {"megabytes": -1}])
+def test_limits_that_are_none(wrong):
+    with pytest.raises(ValueError, match=f"limits.{next(iter(wrong))}: .*give"):
+        Limits(**wrong)

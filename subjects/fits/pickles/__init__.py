@@ -10,6 +10,7 @@ project's own or builtin constructors, and take plain values only.
 from __future__ import annotations
 
 import io
+import json
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,10 @@ from subjects.fits.pickles.content import (
 from subjects.fits.pickles.reader import Reader
 from subjects.mesh import MeshError
 
-__all__ = ["LARGEST_MB", "read_npy", "read_npz", "read_pickle"]
+__all__ = ["LARGEST_MB", "read_json", "read_npy", "read_npz", "read_pickle"]
+
+JSON_VALUES = 1_000_000
+"""Most values in a JSON file: each takes up to a hundred times its bytes, a fit a few hundred."""
 
 
 def read_pickle(path: Path, largest_mb: float = LARGEST_MB) -> Any:
@@ -102,6 +106,24 @@ def read_npy(path: Path, largest_mb: float = LARGEST_MB) -> np.ndarray:
     with named(path, "npy file"):
         budget = Budget(largest_mb)
         return _array(read_bytes(path, budget), _reader(budget))
+
+
+def read_json(path: Path, largest_mb: float = LARGEST_MB) -> Any:
+    """The value in a JSON file.
+
+    Args:
+        path: the file.
+        largest_mb: most megabytes (2^20 bytes) that it may hold.
+
+    Raises:
+        MeshError: the file cannot be opened, is damaged, too large or has over `JSON_VALUES`.
+    """
+    with named(path, "JSON"):
+        data = read_bytes(path, Budget(largest_mb))
+        values = sum(data.count(mark) for mark in (b",", b"[", b"{"))
+        if values > JSON_VALUES:
+            raise MeshError(f"has {values} values, more than {JSON_VALUES}; export it as npz")
+        return json.loads(data)
 
 
 def _reader(budget: Budget) -> Reader:

@@ -1,0 +1,266 @@
+"""Workers on many machines, through Dask: the same tasks, and the same bytes."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import socket
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
+from importlib.metadata import PackageNotFoundError, version
+from itertools import islice
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import distributed
+from distributed.scheduler import KilledWorker
+
+from engine.engines import EngineError
+from engine.scratch import scratch_folder, temporary_in
+from engine.workers import MAX_DEATHS, Limits, Worker, WorkerDiedError
+from shards.lock import LOCK
+
+Item = TypeVar("Item")
+
+RESOURCE = "blender"
+"""What a Dask worker has one of, so that it runs one task at a time."""
+
+PATIENCE = 60
+"""Seconds that a scheduler may take to answer."""
+
+AHEAD = 2
+"""Tasks that each worker is given, one of them to have when the other ends."""
+
+_LOOK = 0.5
+"""Seconds between two looks at whether a task is still wanted."""
+
+_PACKAGES = ("anny", "bpy", "numpy", "openexr", "rectoverso", "scipy", "torch", "trimesh")
+
+
+class Cluster:
+    """The workers of a Dask scheduler; or of one of our own, on this machine.
+
+    Each Dask worker gives its tasks to a process of its own, as `engine.workers` has them, so that
+    Blender may crash, hang and grow there as it may here, and torch and Blender never meet.
+
+    Attributes:
+        workers, threads: as `Engine` has them; of a scheduler, as many as it has to begin with, and
+            the threads that the smallest of them was started with.
+
+    Args:
+        scheduler: its address, such as tcp://10.0.0.1:8786; None starts one.
+        workers, threads: of the one that is started.
+        limits: of each process.
+        output: folder that they write, under one path on all machines.
+    """
+
+    def __init__(
+        self, scheduler: str | None, workers: int, threads: int, limits: Limits, output: Path
+    ) -> None:
+        self.scheduler = scheduler
+        self.workers, self.threads = workers, threads
+        self._limits = limits
+        self._output = output.resolve()
+        self._open = ExitStack()
+
+    def __enter__(self) -> Self:
+        """Connect.
+
+        Raises:
+            EngineError: the scheduler does not answer, or has no worker that is one of ours.
+        """
+        # What becomes of workers and tasks is told by this program, in its own words.
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        try:
+            self._connect()
+        except BaseException:
+            self._open.close()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._open.close()
+
+    def _connect(self) -> None:
+        address: Any = self.scheduler
+        if address is None:
+            address = self._open.enter_context(
+                distributed.LocalCluster(
+                    n_workers=self.workers,
+                    threads_per_worker=self.threads,
+                    resources={RESOURCE: 1},
+                    dashboard_address=None,
+                    local_directory=str(self._open.enter_context(scratch_folder(self._output))),
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+        try:
+            self._client = self._open.enter_context(
+                distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+            )
+            self._client.wait_for_workers(1, timeout=PATIENCE)
+        except (OSError, ValueError) as error:
+            raise EngineError(
+                f"scheduler: {self.scheduler} does not answer with a worker within {PATIENCE} s "
+                f"({error}); see that it runs and has workers"
+            ) from error
+        ours = self._ours()
+        if not ours:
+            raise EngineError(
+                f"scheduler: no worker of {self.scheduler} offers the resource it takes; start "
+                f"them with --resources {RESOURCE}=1"
+            )
+        self.workers = len(ours)
+        self.threads = min(worker["nthreads"] for worker in ours)
+
+    def _ours(self) -> list[dict[str, Any]]:
+        workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
+        return [worker for worker in workers if worker.get("resources", {}).get(RESOURCE)]
+
+    def run(
+        self, function: Callable[[Item], Any], items: list[Item], threads: int
+    ) -> Iterator[tuple[Item, Any]]:
+        """As `Engine.run`. A task whose Dask worker is lost runs again on another one.
+
+        Raises:
+            EngineError: a worker has other packages, or does not see the output; the scheduler is
+                gone.
+        """
+        left = iter(items)
+        given: dict[distributed.Future, Item] = {}
+        serve = Serve(function, threads, self._limits, self._output, installed())
+
+        def submit(count: int) -> list[distributed.Future]:
+            new = {
+                self._client.submit(serve, item, pure=False, resources={RESOURCE: 1}): item
+                for item in islice(left, count)
+            }
+            given.update(new)
+            return list(new)
+
+        try:
+            done = distributed.as_completed(submit(AHEAD * self.workers), loop=self._client.loop)
+            for future in done:
+                item = given.pop(future)
+                yield item, _result(future)
+                self.workers = max(1, len(self._ours()))
+                done.update(submit(AHEAD * self.workers - len(given)))
+        finally:
+            self._client.cancel(list(given), force=True)
+
+
+def _result(future: distributed.Future) -> Any:
+    """What a task returned; what it raised, it did as one of Dask's."""
+    try:
+        return future.result()
+    except KilledWorker as error:
+        return WorkerDiedError(f"its Dask workers were lost, one after the other ({error})")
+    except CancelledError as error:
+        raise EngineError(
+            "the scheduler forgot what it was given, as one that is started anew does; "
+            "run the same command again"
+        ) from error
+
+
+def installed() -> dict[str, str | None]:
+    """What bytes depend on, as it is installed here: package -> version, None where it is not."""
+    found: dict[str, str | None] = {}
+    for name in _PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = None
+    return found
+
+
+class Serve:
+    """A task as a Dask worker runs it: in a process of its own, which the next task takes over.
+
+    Args:
+        function: of the item.
+        threads: that numerical libraries may use in the process.
+        limits: of the process.
+        output: folder that has to be seen here.
+        packages: versions that have to be installed here.
+    """
+
+    _held: tuple[Any, Worker[Any]] | None = None
+    """Of this Dask worker: what the process was started for, and the process."""
+
+    def __init__(
+        self,
+        function: Callable[[Any], Any],
+        threads: int,
+        limits: Limits,
+        output: Path,
+        packages: dict[str, str | None],
+    ) -> None:
+        self.function, self.threads, self.limits = function, threads, limits
+        self.output, self.packages = output, packages
+
+    def __call__(self, item: Any) -> Any:
+        """The function's result or its exception.
+
+        Raises:
+            EngineError: this machine cannot take the task.
+        """
+        self._check()
+        worker = self._worker()
+        for _ in range(MAX_DEATHS):
+            future = worker.submit(item)
+            while not future.done() and worker.seconds_left > 0:
+                wait([future], timeout=min(_LOOK, worker.seconds_left))
+                if not _wanted():
+                    worker.end()
+                    return None
+            try:
+                return worker.result()
+            except BrokenProcessPool:
+                continue
+        return WorkerDiedError(
+            f"its worker process died {MAX_DEATHS} times on {socket.gethostname()} "
+            "(out of memory, killed, or a crash in native code)"
+        )
+
+    def _check(self) -> None:
+        host = socket.gethostname()
+        if not (self.output / LOCK).exists():
+            raise EngineError(
+                f"{host} does not see {self.output}; choose an output that all machines share"
+            )
+        here = installed()
+        other = sorted(name for name in here if here[name] != self.packages[name])
+        if other:
+            raise EngineError(
+                f"{host} has other packages: "
+                + ", ".join(f"{name} {here[name]}, not {self.packages[name]}" for name in other)
+                + "; install the same ones on all machines (constraints.txt)"
+            )
+
+    def _worker(self) -> Worker[Any]:
+        """The process that stands, or a fresh one for another stage."""
+        key = (self.function, self.threads, self.limits)
+        if Serve._held is None or Serve._held[0] != key:
+            if Serve._held is not None:
+                Serve._held[1].end()
+            # A Dask worker is a daemon, which may have no children: they could outlive it. Ours
+            # watch their parent and do not.
+            multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
+            places = temporary_in(Path(distributed.get_worker().local_directory))
+            Serve._held = key, Worker(self.function, self.threads, self.limits, places)
+        return Serve._held[1]
+
+
+def _wanted() -> bool:
+    """Whether whoever gave this task still waits for it."""
+    worker = distributed.get_worker()
+    task = worker.state.tasks.get(worker.get_current_task())
+    return task is not None and task.state == "executing"

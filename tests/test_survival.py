@@ -1,0 +1,270 @@
+"""A build that is killed over and over: real processes, real signals, real full disks."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+import trimesh
+import yaml
+from PIL import Image
+
+ROOT = Path(__file__).parents[1]
+SUBJECTS = 6
+KILLS = 25
+DASK_KILLS = 3
+
+
+def write_scans(folder: Path, count: int) -> Path:
+    """Lumpy textured scans in folder/scans, and the configuration of two quick views of each."""
+    (folder / "scans").mkdir(parents=True)
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        ball = trimesh.creation.icosphere(subdivisions=4)
+        bumps = 1 + 0.08 * np.sin(ball.vertices @ rng.normal(0, 6, (3, 3))).prod(axis=1)
+        vertices = ball.vertices * bumps[:, None] * [0.25, 0.85, 0.2]
+        texture = Image.fromarray(rng.integers(0, 256, (64, 64, 3), dtype=np.uint8))
+        material = trimesh.visual.material.PBRMaterial(baseColorTexture=texture)
+        visual = trimesh.visual.TextureVisuals(uv=ball.vertices[:, :2] / 2 + 0.5, material=material)
+        mesh = trimesh.Trimesh(vertices, ball.faces, visual=visual, process=False)
+        mesh.export(folder / "scans" / f"s{seed}.glb")
+    placed = {"up": "y", "front": "z", "unit": "m", "licence": "CC0-1.0"}
+    source = {"root": str(folder / "scans"), **placed}
+    config = {
+        "subjects": {"class_path": "Scans", "init_args": source},
+        "views": {"count": 2},
+        "cycles": {"samples": 2},
+        "seed": 5,
+    }
+    path = folder / "config.yaml"
+    path.write_text(yaml.safe_dump(config))
+    return path
+
+
+def start(config: Path, output: Path, *options: object) -> subprocess.Popen[str]:
+    """A build in a session of its own; its temporary files lie beside the output."""
+    command = [sys.executable, str(ROOT / "pipeline.py"), "build", "--config", str(config)]
+    temporary = output.parent / "tmp"
+    temporary.mkdir(parents=True, exist_ok=True)
+    return subprocess.Popen(
+        [*command, "--output", str(output), *map(str, options)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "TMPDIR": str(temporary)},
+    )
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """Exit status and what was said."""
+    said, _ = process.communicate(timeout=300)
+    return process.returncode, said
+
+
+def members(session: int) -> list[psutil.Process]:
+    """The living processes of a session."""
+    found = []
+    for process in psutil.process_iter():
+        try:
+            if os.getsid(process.pid) == session and process.status() != psutil.STATUS_ZOMBIE:
+                found.append(process)
+        except (ProcessLookupError, psutil.Error):
+            continue
+    return found
+
+
+def wait_until_gone(session: int) -> None:
+    deadline = time.monotonic() + 60
+    while members(session):
+        assert time.monotonic() < deadline, [p.cmdline() for p in members(session)]
+        time.sleep(0.05)
+
+
+def contents(output: Path) -> dict[str, bytes]:
+    """All files by name; but for what tells time: the manifest's seconds and a subject's cost."""
+    found = {}
+    for path in sorted(output.rglob("*")):
+        if path.is_file() and path.name != "cost.json":
+            found[path.relative_to(output).as_posix()] = path.read_bytes()
+    lines = [json.loads(line) for line in found["manifest.jsonl"].splitlines()]
+    found["manifest.jsonl"] = json.dumps([{**line, "seconds": 0} for line in lines]).encode()
+    return found
+
+
+def semaphores() -> set[str]:
+    """Of worker pools, named in the system."""
+    return {path.name for path in Path("/dev/shm").glob("sem.*")}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("survival")
+
+
+@pytest.fixture(scope="module")
+def config(folder) -> Path:
+    return write_scans(folder, SUBJECTS)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(folder, config) -> dict[str, bytes]:
+    output = folder / "undisturbed" / "data"
+    status, said = finish(start(config, output, "--jobs", 2))
+    assert status == 0, said
+    return contents(output)
+
+
+@pytest.fixture
+def output(tmp_path) -> Iterator[Path]:
+    """Where a build is disturbed; nothing is left beside it at the end."""
+    before = semaphores()
+    output = tmp_path / "disturbed" / "data"
+    yield output
+    assert list((output.parent / "tmp").iterdir()) == []
+    assert semaphores() <= before
+
+
+def kill(process: subprocess.Popen[str], victim: str, rng: np.random.Generator) -> None:
+    """SIGKILL to a build's parent, to one of its workers, or to all at once."""
+    if victim == "all":
+        os.killpg(process.pid, signal.SIGKILL)
+    elif victim == "parent":
+        process.kill()
+    else:
+        workers = [p for p in members(process.pid) if "popen_loky" in " ".join(p.cmdline())]
+        if workers:
+            workers[rng.integers(len(workers))].kill()
+
+
+def test_killed_25_times_it_ends_in_the_same_bytes(config, undisturbed, output):
+    rng = np.random.default_rng(0)
+    kills = interrupted = 0
+    while kills < KILLS:
+        process = start(config, output, "--jobs", 2)
+        victim = ""
+        while victim not in ("parent", "all") and process.poll() is None and kills < KILLS:
+            time.sleep(rng.uniform(0.2, 6))
+            if process.poll() is not None:
+                break
+            victim = ("parent", "worker", "all")[kills % 3]
+            kill(process, victim, rng)
+            kills += 1
+            interrupted += victim != "worker"
+        # One whose workers alone were killed goes on, and sets aside what died twice.
+        status, said = finish(process)
+        wait_until_gone(process.pid)
+        assert status in (0, 1, -signal.SIGKILL), said
+        if status == 0 and kills < KILLS:  # it was too fast for the next kill: from the beginning
+            assert contents(output) == undisturbed
+            shutil.rmtree(output)
+    assert interrupted > KILLS // 2
+    status, said = finish(start(config, output, "--jobs", 2))
+    assert status == 0, said
+    assert contents(output) == undisturbed
+    proof = [sys.executable, str(ROOT / "pipeline.py"), "verify", str(output)]
+    assert subprocess.run(proof, check=False).returncode == 0
+
+
+def test_on_dask_whose_workers_are_killed_it_ends_in_the_same_bytes(config, undisturbed, output):
+    pytest.importorskip("distributed")
+    process = start(config, output, "--engine", "dask", "--jobs", 2)
+    killed = 0
+    deadline = time.monotonic() + 240
+    while killed < DASK_KILLS and process.poll() is None:
+        assert time.monotonic() < deadline
+        # A Dask worker is the parent of the process in which Blender runs.
+        served = [p for p in members(process.pid) if "popen_loky" in " ".join(p.cmdline())]
+        shards = len(list(output.glob("shards/*.npz")))
+        if served and shards >= killed:
+            try:
+                served[0].parent().kill()
+            except (psutil.Error, AttributeError):
+                continue
+            killed += 1
+        time.sleep(0.2)
+    status, said = finish(process)
+    assert killed == DASK_KILLS, said
+    assert status == 0, said
+    wait_until_gone(process.pid)
+    assert contents(output) == undisturbed
+
+
+def test_a_subject_that_takes_too_long_is_set_aside(config, output):
+    status, said = finish(start(config, output, "--limits.seconds", 0.02))
+    assert status == 1
+    failures = (output / "failures.jsonl").read_text().splitlines()
+    assert len(failures) == SUBJECTS
+    assert all("longer than 0.02 s" in line for line in failures), said
+
+
+def test_workers_that_are_replaced_make_the_same_bytes(config, undisturbed, output):
+    options = ("--limits.subjects", 1, "--limits.megabytes", 1, "--jobs", 1)
+    status, said = finish(start(config, output, *options))
+    assert status == 0, said
+    assert contents(output) == undisturbed
+
+
+def test_of_two_builds_on_one_folder_the_second_says_so_and_stops(config, output):
+    first = start(config, output)
+    deadline = time.monotonic() + 60
+    while not (output / "dataset.json").exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    status, said = finish(start(config, output))
+    assert status == 2
+    assert "is in use by another build" in said
+    assert finish(first)[0] == 0
+
+
+@pytest.fixture
+def small_disk(tmp_path) -> Iterator[Path]:
+    """A file system of its own with room for the subjects and a shard or two."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=45m", "none", str(disk)]
+    if subprocess.run(mount, capture_output=True, check=False).returncode != 0:
+        pytest.skip("this system lets nobody mount a small disk")
+    try:
+        yield disk
+    finally:
+        subprocess.run(["umount", "-l", str(disk)], check=True)
+
+
+def remount(disk: Path, options: str) -> None:
+    subprocess.run(["mount", "-o", f"remount,{options}", str(disk)], check=True)
+
+
+def test_a_full_disk_stops_it_and_room_lets_it_go_on(config, undisturbed, small_disk, tmp_path):
+    output = tmp_path / "disk" / "data"
+    status, said = finish(start(config, output, "--jobs", 2))
+    assert status == 1, said
+    assert "No space left" in said
+    assert "make room, and run the same command again" in said
+    assert "Traceback" not in said
+    assert 0 < len(list(output.glob("shards/*.npz"))) < SUBJECTS
+    remount(small_disk, "size=400m")
+    status, said = finish(start(config, output, "--jobs", 2))
+    assert status == 0, said
+    assert contents(output) == undisturbed
+
+
+def test_a_disk_that_cannot_be_written_is_one_line(config, small_disk):
+    output = small_disk / "data"
+    output.mkdir()
+    (small_disk / "tmp").mkdir()
+    remount(small_disk, "ro")
+    status, said = finish(start(config, output))
+    assert status in (1, 2)
+    assert len(said.splitlines()) == 1
+    assert "Read-only file system" in said
