@@ -17,6 +17,9 @@ from subjects.mesh import Mesh
 if TYPE_CHECKING:
     from render.scene import Scene
 
+# Rows and columns of the front camera's grid that hold the surface.
+Rectangle = tuple[slice, slice]
+
 # Cycles writes 1e10 where a ray meets nothing.
 BACKGROUND_DEPTH = 1e9
 # A grazing ray may hit from one side only; more of them than this means a broken surface.
@@ -62,7 +65,7 @@ class Capture:
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """Depth and normals of one view from one side, whole frames in the front camera's grid."""
+    """Depth and normals of one view from one side, in a rectangle of the front camera's grid."""
 
     mask: np.ndarray
     depth: np.ndarray
@@ -120,21 +123,25 @@ def capture(
     with tempfile.TemporaryDirectory(prefix="rectoverso-") as name:
         folder = Path(name)
         for i, angle in enumerate(yaw):
-            front, back = (_truth(truth, angle, side, folder) for side in (False, True))
+            place = camera.rectangle(shown.points, angle)
+            front, back = (_truth(truth, angle, side, place, folder) for side in (False, True))
             mask, dropped[i] = _silhouette(front.mask, back.mask, angle)
-            masks[i] = mask
+            masks[i][place] = mask
+            view = {key: whole[i][place] for key, whole in maps.items()}
             for side, where in ((front, "front"), (back, "back")):
-                radiance = _radiance(beauty, angle, side is back, folder)
-                maps[f"depth_{where}"][i][mask] = side.depth[mask]
-                maps[f"normal_{where}"][i][mask] = side.normal[mask]
-                maps[f"radiance_{where}"][i][mask] = radiance[mask]
-            _order(maps["depth_front"][i], maps["depth_back"][i], angle)
+                radiance = _radiance(beauty, angle, side is back, place, folder)
+                view[f"depth_{where}"][mask] = side.depth[mask]
+                view[f"normal_{where}"][mask] = side.normal[mask]
+                view[f"radiance_{where}"][mask] = radiance[mask]
+            _order(view["depth_front"], view["depth_back"], angle)
             if bare is not None:
-                front, back = (_truth(bare, angle, side, folder) for side in (False, True))
+                place = camera.rectangle(skin.points, angle)
+                front, back = (_truth(bare, angle, side, place, folder) for side in (False, True))
                 both = front.mask & back.mask
-                maps["body_depth_front"][i][both] = front.depth[both]
-                maps["body_depth_back"][i][both] = back.depth[both]
-                _order(maps["body_depth_front"][i], maps["body_depth_back"][i], angle)
+                view = {key: whole[i][place] for key, whole in maps.items()}
+                view["body_depth_front"][both] = front.depth[both]
+                view["body_depth_back"][both] = back.depth[both]
+                _order(view["body_depth_front"], view["body_depth_back"], angle)
     reset()  # gives the memory back
     return Capture(
         camera=camera,
@@ -175,16 +182,19 @@ def capture_radiance(
     beauty = Scene("beauty", shown, camera, cycles, light_position=light_position, threads=threads)
     with tempfile.TemporaryDirectory(prefix="rectoverso-") as name:
         for angle, silhouette in zip(yaw, mask, strict=True):
-            inside = silhouette[..., None]
-            front, back = (_radiance(beauty, angle, side, Path(name)) for side in (False, True))
-            yield np.where(inside, front, np.float32(0)), np.where(inside, back, np.float32(0))
+            place = camera.rectangle(shown.points, angle)
+            inside = silhouette[place]
+            sides = np.zeros((2, *silhouette.shape, 3), dtype=np.float32)
+            for side, back in zip(sides, (False, True), strict=True):
+                side[place][inside] = _radiance(beauty, angle, back, place, Path(name))[inside]
+            yield sides[0], sides[1]
     reset()  # gives the memory back
 
 
-def _truth(scene: Scene, yaw: float, back: bool, folder: Path) -> Side:
+def _truth(scene: Scene, yaw: float, back: bool, place: Rectangle, folder: Path) -> Side:
     """Depth and normals from one side."""
     camera = scene.camera
-    channels = _shoot(scene, yaw, back, folder)
+    channels = _shoot(scene, yaw, back, place, folder)
     z = channels["Depth.Z"]
     mask = (z > 0) & (z < BACKGROUND_DEPTH)
     # The back camera stands as far behind the axis as the front one before it.
@@ -195,29 +205,28 @@ def _truth(scene: Scene, yaw: float, back: bool, folder: Path) -> Side:
     return Side(mask=mask, depth=depth, normal=normal)
 
 
-def _radiance(scene: Scene, yaw: float, back: bool, folder: Path) -> np.ndarray:
-    """(H, W, 3) linear light per watt from one side: the subject's own colour, edges included."""
-    channels = _shoot(scene, yaw, back, folder)
+def _radiance(scene: Scene, yaw: float, back: bool, place: Rectangle, folder: Path) -> np.ndarray:
+    """(h, w, 3) linear light per watt from one side: the subject's own colour, edges included."""
+    channels = _shoot(scene, yaw, back, place, folder)
     color = np.stack([channels[f"Combined.{c}"] for c in "RGB"], axis=-1)
     # Not the blend of the edge with an empty background.
     return color / np.maximum(channels["Combined.A"], 1e-6)[..., None]
 
 
-def _shoot(scene: Scene, yaw: float, back: bool, folder: Path) -> dict[str, np.ndarray]:
-    """Render one side; its channels in the front camera's grid, whole frame, 0 where not rendered.
+def _shoot(
+    scene: Scene, yaw: float, back: bool, place: Rectangle, folder: Path
+) -> dict[str, np.ndarray]:
+    """Render one side; its channels in the rectangle `place` of the front camera's grid.
 
     The back camera's image is mirrored left-right: both cameras look along the same lines.
     """
-    camera = scene.camera
-    rows, columns = camera.rectangle(scene.surface.points, yaw)
-    seen = columns
-    if back:
-        seen = slice(camera.columns - columns.stop, camera.columns - columns.start)
-    frames = {}
-    for name, image in scene.render(yaw, back, (rows, seen), folder).items():
-        frames[name] = np.zeros((camera.rows, camera.columns), dtype=np.float32)
-        frames[name][rows, columns] = image[:, ::-1] if back else image
-    return frames
+    rows, columns = place
+    if not back:
+        return scene.render(yaw, back, place, folder)
+    width = scene.camera.columns
+    seen = slice(width - columns.stop, width - columns.start)
+    channels = scene.render(yaw, back, (rows, seen), folder)
+    return {name: image[:, ::-1] for name, image in channels.items()}
 
 
 def _unit_towards(normal: np.ndarray, sign: float) -> np.ndarray:
