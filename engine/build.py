@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,15 @@ from typing import Any
 from engine.config import BuildConfig
 from engine.engines import Engine, Means
 from engine.stage import run_stage
-from engine.tasks import ShardResult, Task, make_shard, make_subject, versions
+from engine.tasks import (
+    ShardResult,
+    Task,
+    make_both,
+    make_shard,
+    make_subject,
+    stage_of,
+    versions,
+)
 from shards.atomic import atomic_write
 from shards.dataset import SHARDS, SUBJECTS, DatasetWriter
 
@@ -103,25 +110,19 @@ def _made(config: BuildConfig, writer: DatasetWriter, subjects: list[str], engin
         for subject in subjects
     ]
 
-    def fail_in(stage: str) -> Callable[[Task, str], None]:
-        return lambda task, why: writer.fail(task.subject, stage, why)
+    def fail(task: Task, why: str) -> None:
+        writer.fail(task.subject, stage_of(task), why)
 
     def add(task: Task, shard: ShardResult) -> None:
         writer.add(task.subject, **asdict(shard))
 
     # Sums of one thread are the same wherever they are made.
-    made = run_stage("subjects", make_subject, tasks, engine, 1, fail_in("subjects"))
-    rendered = run_stage(
-        "render",
-        make_shard,
-        made,
-        engine,
-        engine.threads,
-        fail_in("render"),
-        add,
-        config.views.total,
-    )
-    return len(rendered)
+    make, threads = make_both, 1
+    if config.subjects.loads_torch:
+        tasks = run_stage("subjects", make_subject, tasks, engine, 1, fail)
+        make, threads = make_shard, engine.threads
+    views = config.views.total
+    return len(run_stage("render", make, tasks, engine, threads, fail, add, views))
 
 
 def _lay_papers(config: BuildConfig, dataset: Path) -> None:

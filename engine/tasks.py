@@ -68,10 +68,33 @@ def subject_folder(dataset: Path, subject: str) -> Path:
 
 def make_subject(task: Task) -> None:
     """Make the subject's files and, last of all, the record that says they are whole."""
+    _subject(task)
+
+
+def make_shard(task: Task) -> ShardResult:
+    """Render, sense, write: from a subject's record to its shard on disk."""
+    return _shard(task, read_subject(subject_folder(task.dataset, task.subject)))
+
+
+def make_both(task: Task) -> ShardResult:
+    """`make_subject` and `make_shard`, for which the surface is read once.
+
+    The source must not load torch: Blender comes into the same process.
+    """
+    return _shard(task, _subject(task))
+
+
+def stage_of(task: Task) -> str:
+    """The stage that a task which failed was in."""
+    recorded = (subject_folder(task.dataset, task.subject) / RECORD).exists()
+    return "render" if recorded else "subjects"
+
+
+def _subject(task: Task) -> Subject:
     folder = subject_folder(task.dataset, task.subject)
     recipe = _recipe(task.config)
     if _is_whole(folder, recipe):
-        return
+        return read_subject(folder)
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     start = time.monotonic()
@@ -91,6 +114,7 @@ def make_subject(task: Task) -> None:
             os.fsync(file.fileno())
     with atomic_write(folder / RECORD) as file:
         file.write(json.dumps(record, indent=1, sort_keys=True).encode() + b"\n")
+    return subject
 
 
 def _recipe(config: BuildConfig) -> str:
@@ -114,12 +138,9 @@ def _is_whole(folder: Path, recipe: str) -> bool:
         return False
 
 
-def make_shard(task: Task) -> ShardResult:
-    """Render, sense, write: from a subject's record to its shard on disk."""
+def _shard(task: Task, subject: Subject) -> ShardResult:
     start = time.monotonic()
     config = task.config
-    folder = subject_folder(task.dataset, task.subject)
-    subject = read_subject(folder)
     surface, body = subject.surface(), subject.body_surface()
     camera = place_camera(
         config.camera,

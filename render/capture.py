@@ -207,10 +207,12 @@ def _truth(scene: Scene, yaw: float, back: bool, place: Rectangle, folder: Path)
 
 def _radiance(scene: Scene, yaw: float, back: bool, place: Rectangle, folder: Path) -> np.ndarray:
     """(h, w, 3) linear light per watt from one side: the subject's own colour, edges included."""
+    from render.scene import LAMP_WATTS
+
     channels = _shoot(scene, yaw, back, place, folder)
     color = np.stack([channels[f"Combined.{c}"] for c in "RGB"], axis=-1)
     # Not the blend of the edge with an empty background.
-    return color / np.maximum(channels["Combined.A"], 1e-6)[..., None]
+    return color / np.maximum(channels["Combined.A"], 1e-6)[..., None] / np.float32(LAMP_WATTS)
 
 
 def _shoot(

@@ -13,7 +13,8 @@ class CyclesConfig:
     samples: int = 16
     """Samples per pixel of the colour images (the most, where `adaptive_threshold` is set)."""
     adaptive_threshold: float = 0.0
-    """Noise level at which a pixel stops sampling, 0 to take every sample everywhere."""
+    """Noise level at which a pixel stops sampling, looked at every 16 samples, as Cycles has it for
+    an image of common brightness; 0 takes every sample everywhere."""
     seed: int = 0
     """Seed of Cycles' sampling pattern."""
     device: Literal["CPU", "CUDA", "OPTIX", "HIP", "ONEAPI", "METAL"] = "CPU"

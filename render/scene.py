@@ -21,6 +21,10 @@ from subjects.mesh import Material, Mesh
 # Cycles keeps the name "color" to itself and renders an attribute of that name black.
 VERTEX_COLOR = "vertex_color"
 
+LAMP_WATTS = 64.0
+"""Of the lamp that colour is rendered under. About as bright as images are shown, which is what
+Cycles' noise level is told in; a power of two, so that light per watt is exact."""
+
 
 class Surface:
     """A mesh and its materials in Blender's memory, shared by the scenes that show it."""
@@ -112,8 +116,8 @@ class Scene:
         Args:
             name: of the Blender scene.
             surface: what is seen.
-            light_position: camera-frame metres of a 1 W point light that colour is rendered
-                under, or None for depth and normals.
+            light_position: camera-frame metres of a point light of LAMP_WATTS that colour is
+                rendered under, or None for depth and normals.
             threads: threads of the CPU that Cycles uses.
         """
         self.name = name
@@ -178,7 +182,7 @@ class Scene:
 
     def _add_light(self) -> Any:
         data = bpy.data.lights.new("light", "POINT")
-        data.energy = 1.0
+        data.energy = LAMP_WATTS
         data.shadow_soft_size = 0
         data.use_soft_falloff = False
         data.cycles.max_bounces = 0

@@ -16,6 +16,11 @@ class Source(ABC):
         """What the surfaces' bytes depend on beside this project; their versions are kept."""
         return ()
 
+    @property
+    def loads_torch(self) -> bool:
+        """Whether `make` does; Blender then needs another process."""
+        return True
+
     @abstractmethod
     def ids(self) -> list[str]:
         """The subjects' ids, at once and without making any.

@@ -16,7 +16,7 @@ from subjects.meshfile import read_mesh, read_texture
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What a source hands to the renderer: files and a similarity, nothing loaded.
+    """What a source hands to the renderer: files and a similarity.
 
     Attributes:
         id: unique in the dataset; letters, digits, '.', '_', '-'.
@@ -31,6 +31,7 @@ class Subject:
         files: further files that belong to the surface (materials, textures).
         flip_faces: the mesh file's faces look inwards and are turned when it is read.
         limits: how large the files may be.
+        read: what `mesh` holds, where it was read already; no part of the subject's record.
     """
 
     id: str
@@ -44,6 +45,7 @@ class Subject:
     files: tuple[Path, ...] = ()
     flip_faces: bool = False
     limits: Limits = field(default_factory=Limits)
+    read: Mesh | None = None
 
     def surface(self) -> Mesh:
         """The surface in the subject's world, its faces looking outwards.
@@ -51,10 +53,12 @@ class Subject:
         Raises:
             MeshError: as `read_mesh`.
         """
-        cover = None
-        if self.texture is not None:
-            cover = Material(texture=read_texture(self.texture, self.limits))
-        mesh = read_mesh(self.mesh, self.limits, cover)
+        mesh = self.read
+        if mesh is None:
+            cover = None
+            if self.texture is not None:
+                cover = Material(texture=read_texture(self.texture, self.limits))
+            mesh = read_mesh(self.mesh, self.limits, cover)
         return (mesh.flipped() if self.flip_faces else mesh).transformed(self.mesh_to_world)
 
     def body_surface(self) -> Mesh | None:
@@ -93,7 +97,8 @@ class Subject:
             path, base = path.absolute(), folder.absolute()
             return (path.relative_to(base) if path.is_relative_to(base) else path).as_posix()
 
-        return {f.name: getattr(self, f.name) for f in fields(self)} | {
+        kept = [f.name for f in fields(self) if f.name != "read"]
+        return {key: getattr(self, key) for key in kept} | {
             "mesh": name(self.mesh),
             "mesh_to_world": self.mesh_to_world.tolist(),
             "body": None if self.body is None else name(self.body),

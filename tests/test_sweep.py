@@ -131,7 +131,7 @@ def render_at(data: str, power: float | None) -> tuple[list[np.ndarray], list[np
     def stronger(self: scene.Scene) -> object:
         lamp = made(self)
         if power is not None:
-            lamp.data.energy = power
+            lamp.data.energy = power * scene.LAMP_WATTS
         return lamp
 
     scene.Scene._add_light = stronger

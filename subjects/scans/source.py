@@ -122,6 +122,11 @@ class Scans(Source):
         posing = ("smplx", "torch") if poses and find_spec("smplx") is not None else ()
         return ("libigl", "pillow", "scipy", *posing)
 
+    @property
+    def loads_torch(self) -> bool:
+        """As `Source.loads_torch`: SMPL-X's model does."""
+        return self.models is not None
+
     def ids(self) -> list[str]:
         """The subjects' ids, sorted: each scan's path below `root` in letters that files allow.
 
@@ -227,6 +232,7 @@ class Scans(Source):
             texture=None if texture is None else links[texture],
             files=tuple(files),
             limits=self.limits,
+            read=mesh,
         )
 
     def _texture(self, place: Place, path: Path) -> Path | None:

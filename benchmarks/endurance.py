@@ -1,0 +1,102 @@
+"""Memory and seconds of one worker over many subjects: neither may grow.
+
+    python -m benchmarks.endurance [--subjects 60] [--views 2] [--faces 300000]
+
+Draft humans are cut into so many faces and stand in the folder of scans again and again, under
+other names. One worker makes all subjects, another one renders all shards, as a build's do, never
+replaced. Resident memory is told after each subject.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import psutil
+
+from benchmarks.humans import write_humans
+from engine.config import BuildConfig
+from engine.tasks import Task, make_shard, make_subject
+from engine.workers import cpu_count, run
+from render.cycles import CyclesConfig
+from render.views import ViewsConfig
+from subjects.scans import Scans
+
+MODELS = 2
+"""Meshes that differ; each stands for every second subject."""
+
+LARGEST_GROWTH = 1.10
+"""Memory after the last subject over that after the tenth."""
+
+MOST_MEGABYTES = 1500
+
+TEN = 10
+
+
+def measured(function: Callable[[Task], Any], task: Task) -> tuple[float, float, float]:
+    """In the worker: seconds, and megabytes that it holds afterwards and held at most."""
+    start = time.perf_counter()
+    function(task)
+    seconds = time.perf_counter() - start
+    held = psutil.Process().memory_info().rss / 1e6
+    return seconds, held, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def main() -> int:
+    """Print the tables; 1 if a bound is broken, else 0."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--subjects", type=int, default=60)
+    parser.add_argument("--views", type=int, default=2)
+    parser.add_argument("--faces", type=int, default=300_000)
+    options = parser.parse_args()
+    if options.subjects < 2 * TEN:
+        parser.error(f"--subjects {options.subjects}: give {2 * TEN} or more")
+    with tempfile.TemporaryDirectory() as name:
+        scans, data = Path(name) / "scans", Path(name) / "data"
+        (data / "shards").mkdir(parents=True)
+        meshes = write_humans(Path(name) / "made", MODELS, options.faces)
+        for k in range(options.subjects):
+            (scans / f"s{k:03d}").mkdir(parents=True)
+            for file in meshes[k % MODELS].parent.iterdir():
+                own = f"s{k:03d}.obj" if file == meshes[k % MODELS] else file.name
+                (scans / f"s{k:03d}" / own).symlink_to(file)
+        source = Scans(root=str(scans), licence="CC0-1.0", up="y", front="z", unit="m")
+        config = BuildConfig(
+            subjects=source, views=ViewsConfig(count=options.views), cycles=CyclesConfig()
+        )
+        ids = sorted(source.ids())
+        tasks = [Task(s, data, data / "shards" / f"{s}.npz", config, cpu_count()) for s in ids]
+        broken = False
+        print(f"{len(tasks)} subjects of {options.faces} faces, {options.views} views")
+        for stage, function in (("subjects", make_subject), ("render", make_shard)):
+            rows = []
+            for task, row in run(partial(measured, function), tasks, 1, cpu_count()):
+                if isinstance(row, BaseException):
+                    raise row
+                rows.append(row)
+                task.shard.unlink(missing_ok=True)
+                print(f"\r  {stage} {len(rows)}", end="", file=sys.stderr)
+            print(file=sys.stderr)
+            seconds, held, most = zip(*rows, strict=True)
+            growth = held[-1] / held[TEN - 1]
+            slower = median(seconds[-TEN:]) / median(seconds[:TEN])
+            print(
+                f"{stage:9} after subject {TEN}: {held[TEN - 1]:.0f} MB, after the last: "
+                f"{held[-1]:.0f} MB ({growth:.3f}), at most {most[-1]:.0f} MB; seconds of the "
+                f"first ten {median(seconds[:TEN]):.2f}, of the last ten "
+                f"{median(seconds[-TEN:]):.2f} ({slower:.2f})"
+            )
+            broken |= growth > LARGEST_GROWTH or most[-1] > MOST_MEGABYTES
+    return int(broken)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
