@@ -56,7 +56,7 @@ def start(config: Path, output: Path, *options: object) -> subprocess.Popen[str]
     command = [sys.executable, str(ROOT / "pipeline.py"), "build", "--config", str(config)]
     temporary = output.parent / "tmp"
     temporary.mkdir(parents=True, exist_ok=True)
-    return subprocess.Popen(
+    process = subprocess.Popen(
         [*command, "--output", str(output), *map(str, options)],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -64,6 +64,8 @@ def start(config: Path, output: Path, *options: object) -> subprocess.Popen[str]
         start_new_session=True,
         env={**os.environ, "TMPDIR": str(temporary)},
     )
+    STARTED.append(process.pid)
+    return process
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
@@ -102,9 +104,13 @@ def contents(output: Path) -> dict[str, bytes]:
     return found
 
 
-def semaphores() -> set[str]:
-    """Of worker pools, named in the system."""
-    return {path.name for path in Path("/dev/shm").glob("sem.*")}
+STARTED: list[int] = []
+"""The builds' own processes."""
+
+
+def semaphores() -> list[Path]:
+    """Of these builds' worker pools, named in the system."""
+    return [path for pid in STARTED for path in Path("/dev/shm").glob(f"sem.loky-{pid}-*")]
 
 
 @pytest.fixture(scope="module")
@@ -128,11 +134,10 @@ def undisturbed(folder, config) -> dict[str, bytes]:
 @pytest.fixture
 def output(tmp_path) -> Iterator[Path]:
     """Where a build is disturbed; nothing is left beside it at the end."""
-    before = semaphores()
     output = tmp_path / "disturbed" / "data"
     yield output
     assert list((output.parent / "tmp").iterdir()) == []
-    assert semaphores() <= before
+    assert semaphores() == []
 
 
 def kill(process: subprocess.Popen[str], victim: str, rng: np.random.Generator) -> None:
