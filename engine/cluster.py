@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
+import dask
 import distributed
 from distributed.scheduler import KilledWorker
 
@@ -92,13 +93,14 @@ class Cluster:
     def _connect(self) -> None:
         address: Any = self.scheduler
         if address is None:
+            scratch = self._open.enter_context(scratch_folder(self._output))
+            self._open.enter_context(dask.config.set({"temporary-directory": str(scratch)}))
             address = self._open.enter_context(
                 distributed.LocalCluster(
                     n_workers=self.workers,
                     threads_per_worker=self.threads,
                     resources={RESOURCE: 1},
                     dashboard_address=None,
-                    local_directory=str(self._open.enter_context(scratch_folder(self._output))),
                     silence_logs=logging.CRITICAL,
                 )
             )
