@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
         package = (error.name or str(error)).partition(".")[0]
         sys.stderr.write(
             f"error: the Python package {package} is missing; in the checkout, "
-            "pip install '.[render,humans,trainer,surface,figures,poisson]' brings it, or "
+            "pip install '.[render,humans,trainer,surface,figures,poisson,dask]' brings it, or "
             "`make demo` and then `. .venv/bin/activate`\n"
         )
         return WRONG
@@ -342,7 +342,7 @@ def _build(parser: ArgumentParser, parsed: Any) -> int:
     """Build a dataset of front/back RGB-D shards, or finish one."""
     from engine.build import build, open_build
     from engine.config import BuildConfig
-    from engine.engines import EngineError
+    from engine.workers import EngineError
 
     given = parsed.build.as_dict()
     names = [field.name for field in fields(BuildConfig)]

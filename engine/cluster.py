@@ -19,9 +19,8 @@ import dask
 import distributed
 from distributed.scheduler import KilledWorker
 
-from engine.engines import EngineError
 from engine.scratch import scratch_folder, temporary_in
-from engine.workers import MAX_DEATHS, Limits, Worker, WorkerDiedError
+from engine.workers import MAX_DEATHS, EngineError, Limits, Worker, WorkerDiedError
 from shards.lock import LOCK
 
 Item = TypeVar("Item")

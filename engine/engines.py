@@ -15,10 +15,6 @@ from engine.workers import Limits, cpu_count, run
 Item = TypeVar("Item")
 
 
-class EngineError(ValueError):
-    """Workers that cannot be had; one line: what, where, the cure."""
-
-
 class Engine(Protocol):
     """Worker processes, for one stage after another.
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from engine.workers import remove_semaphores
+from engine.workers import EngineError, remove_semaphores
 
 OWNER = "owner"
 """File with the number of the process whose run it is."""
@@ -25,7 +25,8 @@ def scratch_folder(output: Path) -> Iterator[Path]:
     may write: what a run that was killed has left there, the next one removes.
 
     Raises:
-        OSError: somebody else has a folder of that name, or none can be made.
+        EngineError: somebody else has a folder of that name.
+        OSError: none can be made.
     """
     name = hashlib.sha256(os.fsencode(output.resolve())).hexdigest()[:16]
     folder = Path(tempfile.gettempdir()) / f"rectoverso-{name}"
@@ -49,7 +50,7 @@ def _remove(folder: Path) -> None:
     except FileNotFoundError:
         return
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.geteuid():
-        raise FileExistsError(f"{folder} is somebody else's; remove it, or set TMPDIR")
+        raise EngineError(f"{folder} is somebody else's; remove it, or set TMPDIR")
     owner = folder / OWNER
     if owner.is_file() and (number := owner.read_text()).isdecimal():
         remove_semaphores(int(number))

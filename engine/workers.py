@@ -26,6 +26,10 @@ Item = TypeVar("Item")
 MAX_DEATHS = 2
 
 
+class EngineError(ValueError):
+    """Workers that cannot be had; one line: what, where, the cure."""
+
+
 class WorkerDiedError(RuntimeError):
     """A task whose worker process died each time it was tried, or had to be stopped."""
 

@@ -421,7 +421,7 @@ def test_a_missing_package_is_one_line_and_status_two(tmp_path, package):
     assert result.returncode == 2
     assert len(result.stderr.splitlines()) == 1, result.stderr
     assert f"the Python package {package} is missing" in result.stderr
-    assert "pip install '.[render,humans,trainer,surface,figures,poisson]'" in result.stderr
+    assert "pip install '.[render,humans,trainer,surface,figures,poisson,dask]'" in result.stderr
 
 
 @pytest.fixture(scope="module")

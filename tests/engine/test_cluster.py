@@ -13,8 +13,8 @@ import distributed
 import pytest
 
 from engine.cluster import RESOURCE, Cluster
-from engine.engines import EngineError, Means
-from engine.workers import Limits, WorkerDiedError
+from engine.engines import Means
+from engine.workers import EngineError, Limits, WorkerDiedError
 from shards.lock import LOCK
 
 HERE = Path(__file__).parent
