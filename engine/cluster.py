@@ -20,7 +20,7 @@ import distributed
 from distributed.scheduler import KilledWorker
 
 from engine.scratch import scratch_folder, temporary_in
-from engine.workers import MAX_DEATHS, EngineError, Limits, Worker, WorkerDiedError
+from engine.workers import MAX_DEATHS, EngineError, Limits, Worker, WorkerDiedError, death
 from shards.lock import LOCK
 
 Item = TypeVar("Item")
@@ -47,8 +47,8 @@ class Cluster:
     Blender may crash, hang and grow there as it may here, and torch and Blender never meet.
 
     Attributes:
-        workers, threads: as `Engine` has them; of a scheduler, as many as it has to begin with, and
-            the threads that the smallest of them was started with.
+        workers, threads: as `Engine` has them; of a scheduler, as many as it has at the moment, and
+            the threads that the smallest of the first ones was started with.
 
     Args:
         scheduler: its address, such as tcp://10.0.0.1:8786; None starts one.
@@ -226,10 +226,7 @@ class Serve:
                 return worker.result()
             except BrokenProcessPool:
                 continue
-        return WorkerDiedError(
-            f"its worker process died {MAX_DEATHS} times on {socket.gethostname()} "
-            "(out of memory, killed, or a crash in native code)"
-        )
+        return death(f"on {socket.gethostname()} ")
 
     def _check(self) -> None:
         host = socket.gethostname()

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Protocol, Self, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 from engine.scratch import scratch_folder, temporary_in
 from engine.workers import Limits, cpu_count, run
@@ -53,17 +52,22 @@ class Means:
         if self.scheduler is not None and self.engine != "dask":
             raise ValueError(f"scheduler: {self.scheduler} is for --engine dask; add it")
 
-    def open(self, tasks: int, output: Path) -> AbstractContextManager[Engine]:
+    @contextmanager
+    def open(self, tasks: int, output: Path) -> Iterator[Engine]:
         """The engine for so many tasks, which write `output`.
 
         Raises:
             EngineError: there is no such scheduler.
         """
+        workers, threads = processors(self.jobs, tasks)
         if self.engine == "dask":
             from engine.cluster import Cluster
 
-            return Cluster(self.scheduler, *processors(self.jobs, tasks), self.limits, output)
-        return Local(*processors(self.jobs, tasks), self.limits, output)
+            with Cluster(self.scheduler, workers, threads, self.limits, output) as cluster:
+                yield cluster
+        else:
+            with scratch_folder(output) as scratch:
+                yield Local(workers, threads, self.limits, scratch)
 
 
 def processors(jobs: int | None, tasks: int) -> tuple[int, int]:
@@ -76,36 +80,25 @@ def processors(jobs: int | None, tasks: int) -> tuple[int, int]:
     return workers, max(1, cpu_count() // workers)
 
 
+@dataclass
 class Local:
     """The processors of this machine.
 
-    Args:
+    Attributes:
         workers, threads: as `Engine` has them.
         limits: of each worker.
-        output: what they write; it has one writer at a time.
+        scratch: folder of their temporary files.
     """
 
-    def __init__(self, workers: int, threads: int, limits: Limits, output: Path) -> None:
-        self.workers, self.threads = workers, threads
-        self._limits = limits
-        self._scratch = scratch_folder(output)
-
-    def __enter__(self) -> Self:
-        self._folder = self._scratch.__enter__()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._scratch.__exit__(kind, error, trace)
+    workers: int
+    threads: int
+    limits: Limits
+    scratch: Path
 
     def run(
         self, function: Callable[[Item], Any], items: list[Item], threads: int
     ) -> Iterator[tuple[Item, Any]]:
         """As `Engine.run`; each stage has fresh processes, so torch and Blender never meet."""
-        places = temporary_in(self._folder)
+        places = temporary_in(self.scratch)
         workers = min(self.workers, len(items))
-        return run(function, items, workers, threads, self._limits, places)
+        return run(function, items, workers, threads, self.limits, places)

@@ -34,6 +34,14 @@ class WorkerDiedError(RuntimeError):
     """A task whose worker process died each time it was tried, or had to be stopped."""
 
 
+def death(where: str = "") -> WorkerDiedError:
+    """Of a task that killed its worker each time it was tried; `where` is in the middle of it."""
+    return WorkerDiedError(
+        f"its worker process died {MAX_DEATHS} times {where}"
+        "(out of memory, killed, or a crash in native code)"
+    )
+
+
 @dataclass(frozen=True)
 class Limits:
     """What a worker process may take before it is stopped, or replaced by a fresh one."""
@@ -112,13 +120,7 @@ def run(
                     if attempt.deaths < MAX_DEATHS:
                         again.append(attempt)
                         continue
-                    yield (
-                        attempt.item,
-                        WorkerDiedError(
-                            f"its worker process died {MAX_DEATHS} times "
-                            "(out of memory, killed, or a crash in native code)"
-                        ),
-                    )
+                    yield attempt.item, death()
     finally:
         for place in places:
             place.end()
