@@ -153,7 +153,8 @@ class Cluster:
                 item = given.pop(future)
                 yield item, _result(future)
                 self.workers = max(1, len(self._ours()))
-                done.update(submit(AHEAD * self.workers - len(given)))
+                # Fewer than were given already, where a worker was lost.
+                done.update(submit(max(0, AHEAD * self.workers - len(given))))
         finally:
             self._client.cancel(list(given), force=True)
 
