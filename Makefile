@@ -67,7 +67,7 @@ $(READY): pyproject.toml constraints.txt
 
 $(TESTABLE): $(READY)
 	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --disable-pip-version-check \
-		-e '.[smplx,trainer,surface,poisson,dask]'
+		-e '.[smplx,trainer,surface,poisson,dask,stores]'
 	touch $@
 
 clean:

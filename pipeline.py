@@ -85,7 +85,7 @@ def _run(given: list[str]) -> int:
         sys.stderr.write(f"error: {_explain(error, children, given)}\n")
         return WRONG
     except OSError as error:
-        from shards.atomic import NO_ROOM
+        from storage.atomic import NO_ROOM
 
         if error.errno not in NO_ROOM:
             raise
@@ -118,7 +118,7 @@ def _users_errors(
     kinds: tuple[type[Exception], ...] = (ValueError, OSError),
 ) -> Iterator[None]:
     """Where errors of these kinds speak of what the user gave, not of a fault of ours."""
-    from shards.atomic import NO_ROOM
+    from storage.atomic import NO_ROOM
 
     try:
         yield
@@ -330,7 +330,7 @@ def _add_build(parser: ArgumentParser) -> None:
         docstring_parse_attribute_docstrings=True, subclasses_enabled=[Sensor, Source]
     )
     parser.add_argument("--config", action=ConfigFile, help="YAML file, see configs/")
-    parser.add_argument("--output", type=str, required=True, help="folder of the dataset")
+    parser.add_argument("--output", type=str, required=True, help="folder or URL of the dataset")
     _add_means(parser)
     parser.add_class_arguments(BuildConfig)
     parser.epilog = (
@@ -343,6 +343,7 @@ def _build(parser: ArgumentParser, parsed: Any) -> int:
     from engine.build import build, open_build
     from engine.config import BuildConfig
     from engine.workers import EngineError
+    from storage.store import StoreError
 
     given = parsed.build.as_dict()
     names = [field.name for field in fields(BuildConfig)]
@@ -351,14 +352,18 @@ def _build(parser: ArgumentParser, parsed: Any) -> int:
         made = parser.instantiate(parsed).build
         config = BuildConfig(**{name: made[name] for name in names})
         means = _means(made)
-        writer = open_build(config, record, Path(given["output"]))
+        writer = open_build(config, record, given["output"])
     _on_interrupt(signal.default_int_handler)
-    with writer, _users_errors((EngineError,)):
+    with writer, _users_errors((EngineError, StoreError)):
         return DONE if build(config, writer, means) else FAILURES
 
 
 def _add_verify(parser: ArgumentParser) -> None:
-    parser.add_argument("data", type=str, help="folder of the dataset, or of a light sweep")
+    parser.add_argument(
+        "data",
+        type=str,
+        help="a dataset's folder or URL, or a sweep's folder",
+    )
 
 
 def _verify(parser: ArgumentParser, parsed: Any) -> int:
@@ -368,8 +373,8 @@ def _verify(parser: ArgumentParser, parsed: Any) -> int:
     from shards.sweep import base_folder, is_sweep, read_index
     from shards.verify import verify, verify_sweep
 
-    folder = Path(parsed.verify.data)
     with _users_errors():
+        folder = _data(parsed.verify.data)
         if is_sweep(folder):
             subjects = len(Dataset(base_folder(folder)))
             progress = Progress("verify", subjects * (1 + len(read_index(folder))))
@@ -399,7 +404,7 @@ def _add_sweep(parser: ArgumentParser) -> None:
 
     set_parsing_settings(docstring_parse_attribute_docstrings=True)
     parser.add_argument("--config", action=ConfigFile, help="YAML file, see configs/")
-    parser.add_argument("--data", type=str, required=True, help="folder of the dataset")
+    parser.add_argument("--data", type=str, required=True, help="folder or URL of the dataset")
     parser.add_argument("--output", type=str, required=True, help="folder of the sweep")
     _add_means(parser)
     parser.add_class_arguments(SweepConfig)
@@ -413,7 +418,7 @@ def _sweep(parser: ArgumentParser, parsed: Any) -> int:
     with _users_errors():
         made = parser.instantiate(parsed).sweep
         config, means = _of(SweepConfig, made), _means(made)
-        work = Sweep(config, Path(given["data"]), Path(given["output"]))
+        work = Sweep(config, _data(given["data"]), _folder(given["output"]))
     _on_interrupt(signal.default_int_handler)
     with work, _users_errors():
         return DONE if sweep(work, means) else FAILURES
@@ -428,7 +433,7 @@ def _add_train(parser: ArgumentParser) -> None:
 
     set_parsing_settings(docstring_parse_attribute_docstrings=True, subclasses_enabled=[Branch])
     parser.add_argument("--config", action=ConfigFile, help="YAML file, see configs/")
-    parser.add_argument("--data", type=str, required=True, help="folder of the dataset")
+    parser.add_argument("--data", type=str, required=True, help="folder or URL of the dataset")
     parser.add_argument("--output", type=str, required=True, help="folder of the training")
     parser.add_argument("--workers", type=int, default=2, help="processes that read views")
     parser.add_argument("--device", type=str, default="cpu", help="where the networks are: cuda")
@@ -451,7 +456,7 @@ def _train(parser: ArgumentParser, parsed: Any) -> int:
         with _users_errors():
             made = parser.instantiate(parsed).train
             config = _of(TrainConfig, made)
-            folders = Path(given["data"]), Path(given["output"])
+            folders = _data(given["data"]), _folder(given["output"])
             training = Training(config, *folders, given["workers"], given["device"])
         _on_interrupt(signal.default_int_handler)
         if training.device.type == "cpu":
@@ -478,7 +483,7 @@ def _add_reconstruct(parser: ArgumentParser) -> None:
 
     set_parsing_settings(docstring_parse_attribute_docstrings=True)
     parser.add_argument("--config", action=ConfigFile, help="YAML file")
-    parser.add_argument("--data", type=str | None, help="folder of the dataset")
+    parser.add_argument("--data", type=str | None, help="folder or URL of the dataset")
     parser.add_argument(
         "--output", type=str, required=True, help="folder of the meshes; of a frame, its mesh"
     )
@@ -500,7 +505,7 @@ def _reconstruct(parser: ArgumentParser, parsed: Any) -> int:
         if framed == (given["data"] is not None):
             raise ValueError("give --data, or --frame.rgb and --frame.depth")
         _on_interrupt(signal.default_int_handler)
-        output = Path(given["output"])
+        output = _folder(given["output"])
         views = _of(Choice, made)
         if framed:
             if views != Choice():
@@ -509,7 +514,7 @@ def _reconstruct(parser: ArgumentParser, parsed: Any) -> int:
                 raise ValueError("format is that of --data's meshes; a frame's is by --output")
             print(reconstruct_frame(made.frame, output, config, given["device"]))
             return DONE
-        done = reconstruct(Path(given["data"]), output, config, views, given["device"])
+        done = reconstruct(_data(given["data"]), output, config, views, given["device"])
         return DONE if done else FAILURES
 
 
@@ -522,7 +527,7 @@ def _add_evaluate(parser: ArgumentParser) -> None:
 
     set_parsing_settings(docstring_parse_attribute_docstrings=True)
     parser.add_argument("--config", action=ConfigFile, help="YAML file")
-    parser.add_argument("--data", type=str, required=True, help="folder of the dataset")
+    parser.add_argument("--data", type=str, required=True, help="folder or URL of the dataset")
     parser.add_argument("--meshes", type=str, required=True, help="folder of a method's meshes")
     parser.add_argument("--name", type=str, default="ours", help="the method's, in the table")
     parser.add_argument("--output", type=str, required=True, help="folder of the results")
@@ -540,7 +545,8 @@ def _evaluate(parser: ArgumentParser, parsed: Any) -> int:
     given = parsed.evaluate.as_dict()
     with _users_errors():
         config = _of(EvaluateConfig, parser.instantiate(parsed).evaluate)
-        data, meshes, output = (Path(given[key]) for key in ("data", "meshes", "output"))
+        data = _data(given["data"])
+        meshes, output = _folder(given["meshes"], "meshes"), _folder(given["output"])
         _on_interrupt(signal.default_int_handler)
         only = given["subjects"]
         found = evaluate(data, meshes, output, given["name"], config, given["jobs"], only)
@@ -573,8 +579,29 @@ def _experiment(parser: ArgumentParser, parsed: Any) -> int:
     with _users_errors():
         config = _of(ExperimentConfig, parser.instantiate(parsed).experiment)
         _on_interrupt(signal.default_int_handler)
-        print(experiment(given["name"], Path(given["output"]), config))
+        print(experiment(given["name"], _folder(given["output"]), config))
     return DONE
+
+
+def _data(place: str) -> Path:
+    """The folder of a dataset: its own; or, of one in a store, the mirror of it."""
+    from storage.mirror import Mirror
+    from storage.store import is_url, local_path
+
+    return Mirror(place).folder if is_url(place) else local_path(place)
+
+
+def _folder(place: str, option: str = "output") -> Path:
+    """The folder that an option names.
+
+    Raises:
+        ValueError: it is a URL, which only datasets have.
+    """
+    from storage.store import is_url, local_path
+
+    if is_url(place):
+        raise ValueError(f"{option}: {place} is in a store; give a folder of this machine")
+    return local_path(place)
 
 
 def _of(kind: type, made: Any) -> Any:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from engine.config import BuildConfig
@@ -20,24 +19,32 @@ from engine.tasks import (
     stage_of,
     versions,
 )
-from shards.atomic import atomic_write
 from shards.dataset import SHARDS, SUBJECTS, DatasetWriter
+from storage.mirror import Mirror
+from storage.store import StoreError, is_url, local_path
 
 
-def open_build(config: BuildConfig, record: dict[str, Any], output: Path) -> DatasetWriter:
+def open_build(config: BuildConfig, record: dict[str, Any], output: str) -> DatasetWriter:
     """The dataset that a build fills, or goes on to fill.
 
     Args:
         record: the configuration as plain JSON values, for the dataset to keep.
+        output: its folder, or its URL in a store.
 
     Raises:
         ValueError: the source has no subjects, or `output` cannot be written, or
             holds or disturbs something else.
+        StoreError: the store cannot be had.
     """
-    config.subjects.refuse_output(output)
+    mirror = Mirror(output) if is_url(output) else None
+    folder = local_path(output) if mirror is None else mirror.folder
+    config.subjects.refuse_output(folder)
     planned = config.subjects.ids()
+    made = versions(config)
     try:
-        return DatasetWriter(output, record, planned, config.seed, versions(config))
+        return DatasetWriter(folder, record, planned, config.seed, made, mirror=mirror)
+    except StoreError:
+        raise
     except OSError as error:
         raise ValueError(
             f"output '{output}' cannot be written ({error.strerror}); choose another folder"
@@ -51,7 +58,7 @@ def build(config: BuildConfig, writer: DatasetWriter, means: Means) -> bool:
         means: to do it with.
 
     Raises:
-        OSError: there is no room to write.
+        OSError: there is no room to write, or no store.
         EngineError: `means` cannot be had.
     """
     start = time.monotonic()
@@ -62,7 +69,7 @@ def build(config: BuildConfig, writer: DatasetWriter, means: Means) -> bool:
     if writer.unplanned:
         print(
             f"no longer part of the dataset: {', '.join(writer.unplanned)} "
-            f"(their files in {writer.folder / SHARDS} may go)",
+            f"(their files in {writer.place}/{SHARDS} may go)",
             file=sys.stderr,
         )
     views = config.views.total
@@ -75,10 +82,12 @@ def build(config: BuildConfig, writer: DatasetWriter, means: Means) -> bool:
             + (" (and others like it)" if len(refused) > 1 else ""),
             file=sys.stderr,
         )
-    _lay_papers(config, writer.folder)
+    for name, text in config.subjects.papers().items():
+        writer.lay(f"{SUBJECTS}/{name}", text.encode())
     rendered = 0
     if missing:
-        with means.open(len(missing), writer.folder) as engine:
+        shared = writer.mirror is None
+        with means.open(len(missing), writer.folder, shared) as engine:
             people = "subject" if len(missing) == 1 else "subjects"
             print(
                 f"{len(missing)} {people} of {views} views, {engine.workers} workers",
@@ -95,9 +104,9 @@ def build(config: BuildConfig, writer: DatasetWriter, means: Means) -> bool:
     failures = unmade + len(refused)
     per_view = f", {elapsed / (rendered * views):.2f} s per view" if rendered else ""
     print(
-        f"{len(writer.planned) - unmade} shards of {views} views in {writer.folder}\n"
+        f"{len(writer.planned) - unmade} shards of {views} views in {writer.place}\n"
         f"{rendered} made now in {elapsed:.0f} s{per_view}; {failures} set aside"
-        + (f", see {writer.folder / 'failures.jsonl'}" if failures else "")
+        + (f", see {writer.place}/failures.jsonl" if failures else "")
     )
     return failures == 0
 
@@ -105,8 +114,9 @@ def build(config: BuildConfig, writer: DatasetWriter, means: Means) -> bool:
 def _made(config: BuildConfig, writer: DatasetWriter, subjects: list[str], engine: Engine) -> int:
     """Make the shards of these subjects; returns how many there are then."""
     dataset = writer.folder.resolve()
+    store = None if writer.mirror is None else writer.mirror.store.url
     tasks = [
-        Task(subject, dataset, writer.shard_path(subject).resolve(), config, engine.threads)
+        Task(subject, dataset, writer.shard_path(subject).resolve(), config, engine.threads, store)
         for subject in subjects
     ]
 
@@ -123,10 +133,3 @@ def _made(config: BuildConfig, writer: DatasetWriter, subjects: list[str], engin
         make, threads = make_shard, engine.threads
     views = config.views.total
     return len(run_stage("render", make, tasks, engine, threads, fail, add, views))
-
-
-def _lay_papers(config: BuildConfig, dataset: Path) -> None:
-    """The source's licence and card, beside its subjects."""
-    for name, text in config.subjects.papers().items():
-        with atomic_write(dataset / SUBJECTS / name) as file:
-            file.write(text.encode())

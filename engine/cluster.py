@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from itertools import islice
 from pathlib import Path
@@ -55,15 +56,22 @@ class Cluster:
         workers, threads: of the one that is started.
         limits: of each process.
         output: folder that they write, under one path on all machines.
+        shared: whether they do; else tasks put what they make into a store.
     """
 
     def __init__(
-        self, scheduler: str | None, workers: int, threads: int, limits: Limits, output: Path
+        self,
+        scheduler: str | None,
+        workers: int,
+        threads: int,
+        limits: Limits,
+        output: Path,
+        shared: bool = True,
     ) -> None:
         self.scheduler = scheduler
         self.workers, self.threads = workers, threads
         self._limits = limits
-        self._output = output.resolve()
+        self._output, self._shared = output.resolve(), shared
         self._open = ExitStack()
 
     def __enter__(self) -> Self:
@@ -137,7 +145,8 @@ class Cluster:
         """
         left = iter(items)
         given: dict[distributed.Future, Item] = {}
-        serve = Serve(function, threads, self._limits, self._output, installed())
+        seen = self._output if self._shared else None
+        serve = Serve(function, threads, self._limits, seen, installed())
 
         def submit(count: int) -> list[distributed.Future]:
             new = {
@@ -172,6 +181,7 @@ def _result(future: distributed.Future) -> Any:
         ) from error
 
 
+@cache
 def installed() -> dict[str, str | None]:
     """What bytes depend on, as it is installed here: package -> version, None where it is not."""
     found: dict[str, str | None] = {}
@@ -190,7 +200,7 @@ class Serve:
         function: of the item.
         threads: that numerical libraries may use in the process.
         limits: of the process.
-        output: folder that has to be seen here.
+        output: folder that has to be seen here, if one has.
         packages: versions that have to be installed here.
     """
 
@@ -202,7 +212,7 @@ class Serve:
         function: Callable[[Any], Any],
         threads: int,
         limits: Limits,
-        output: Path,
+        output: Path | None,
         packages: dict[str, str | None],
     ) -> None:
         self.function, self.threads, self.limits = function, threads, limits
@@ -231,9 +241,10 @@ class Serve:
 
     def _check(self) -> None:
         host = socket.gethostname()
-        if not (self.output / LOCK).exists():
+        if self.output is not None and not (self.output / LOCK).exists():
             raise EngineError(
-                f"{host} does not see {self.output}; choose an output that all machines share"
+                f"{host} does not see {self.output}; choose an output that all machines share, "
+                "or a store"
             )
         here = installed()
         other = sorted(name for name in here if here[name] != self.packages[name])

@@ -53,8 +53,11 @@ class Means:
             raise ValueError(f"scheduler: {self.scheduler} is for --engine dask; add it")
 
     @contextmanager
-    def open(self, tasks: int, output: Path) -> Iterator[Engine]:
+    def open(self, tasks: int, output: Path, shared: bool = True) -> Iterator[Engine]:
         """The engine for so many tasks, which write `output`.
+
+        Args:
+            shared: whether all machines have to see `output`.
 
         Raises:
             EngineError: there is no such scheduler.
@@ -63,7 +66,7 @@ class Means:
         if self.engine == "dask":
             from engine.cluster import Cluster
 
-            with Cluster(self.scheduler, workers, threads, self.limits, output) as cluster:
+            with Cluster(self.scheduler, workers, threads, self.limits, output, shared) as cluster:
                 yield cluster
         else:
             with scratch_folder(output) as scratch:

@@ -21,11 +21,11 @@ from engine.engines import processors
 from engine.progress import Progress
 from engine.stage import reason
 from engine.workers import run
-from shards.atomic import atomic_write
 from shards.checksum import file_sha256
 from shards.dataset import Dataset
 from shards.lock import lock_folder
 from shards.manifest import append_json_line, read_json_lines, write_json_lines
+from storage.atomic import atomic_write
 from surface.mesh import ENDINGS, SurfaceError, read_mesh
 from surface.score import Convention, Score, score
 from surface.table import Cell, Table

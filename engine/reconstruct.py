@@ -13,12 +13,12 @@ import numpy as np
 from engine.frame import FrameFiles
 from engine.progress import Progress
 from shards.archive import Shard
-from shards.atomic import remove_temporary_files
 from shards.checksum import file_sha256
 from shards.claim import claim
 from shards.dataset import Dataset
 from shards.lock import hold_folder, lock_folder
 from shards.splits import Split
+from storage.atomic import remove_temporary_files
 from surface.fusion import STEP, fuse
 from surface.mesh import FORMATS, SurfaceError, TriangleMesh, mesh_name, write_mesh
 from surface.pinhole import Frame, Pinhole, orthographic

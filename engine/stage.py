@@ -13,7 +13,8 @@ from engine.workers import WorkerDiedError
 from render.camera import FrameError
 from render.capture import CaptureError
 from shards.archive import ShardError
-from shards.atomic import NO_ROOM
+from storage.atomic import NO_ROOM
+from storage.store import StoreError
 from subjects.mesh import MeshError
 from surface.mesh import SurfaceError
 
@@ -53,7 +54,7 @@ def run_stage(
         views: that a task of this stage makes, for the progress.
 
     Raises:
-        OSError: there is no room to write, which is no subject's fault.
+        OSError: there is no room to write, or no store, which is no subject's fault.
     """
     if not tasks:
         return []
@@ -62,7 +63,8 @@ def run_stage(
     try:
         for task, result in engine.run(function, tasks, threads):
             why = None
-            if isinstance(result, OSError) and result.errno in NO_ROOM:
+            no_room = isinstance(result, OSError) and result.errno in NO_ROOM
+            if no_room or isinstance(result, StoreError):
                 raise result
             if isinstance(result, BaseException):
                 why = reason(result)

@@ -30,7 +30,6 @@ from render.camera import Camera
 from render.capture import capture_radiance
 from render.cycles import CyclesConfig
 from shards.archive import Compression, Shard, ShardError, write_shard
-from shards.atomic import remove_temporary_files
 from shards.checksum import file_sha256
 from shards.dataset import BASE, MANIFEST, SUBJECTS, Dataset, DatasetWriter
 from shards.lock import hold_folder
@@ -38,6 +37,8 @@ from shards.manifest import DatasetError, differences, read_manifest
 from shards.schema import RADIANCE_WATTS
 from shards.splits import Split
 from shards.sweep import is_sweep, lock_sweep, power_folder, read_shared, write_index
+from storage.atomic import remove_temporary_files
+from storage.mirror import Mirror
 from subjects.subject import Subject
 
 _SIDES = ("front", "back")
@@ -338,6 +339,10 @@ def _count(number: int, noun: str) -> str:
 def light_subject(task: SweepTask) -> dict[float, ShardResult]:
     """Photograph one subject under every power that lacks it; each shard appears whole."""
     start = time.monotonic()
+    mirror = Mirror.of(task.base)
+    if mirror is not None:
+        mirror.path(task.shard)
+        mirror.bring(f"{SUBJECTS}/{task.subject}")
     path = task.base / task.shard
     if not path.is_file() or file_sha256(path) != task.sha256:
         raise ShardError(f"{path} is not the file that the manifest lists; build it again")
@@ -356,9 +361,9 @@ def light_subject(task: SweepTask) -> dict[float, ShardResult]:
             name = f"rgb_{side}"
             key = (meta["seed"], task.subject, name)
             arrays[name] = photograph(radiance[side], mask, light, camera, key, draw)
-        size, sha256 = write_shard(target, arrays, meta, task.config.compression, base)
+        made = write_shard(target, arrays, meta, task.config.compression, base)
         seconds = shared + time.monotonic() - start
-        written[power] = ShardResult(size, sha256, seconds, meta["licence"])
+        written[power] = ShardResult(*made, seconds, meta["licence"])
     return written
 
 

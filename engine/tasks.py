@@ -7,9 +7,12 @@ import os
 import platform
 import shutil
 import time
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -21,13 +24,15 @@ from engine.config import BuildConfig
 from engine.memory import PeakMemory
 from render.camera import place_camera
 from render.capture import Capture, CaptureError, capture
+from shards import schema
 from shards.archive import write_shard
-from shards.atomic import atomic_write
 from shards.checksum import file_sha256
+from shards.dataset import RECORD, SHARDS, SUBJECTS
 from shards.schema import RADIANCE_WATTS, SCHEMA_VERSION
+from storage.atomic import atomic_write
+from storage.store import Store
 from subjects.subject import Subject
 
-RECORD = "subject.json"
 COST = "cost.json"
 """What making a subject took: seconds and memory, which are no two times the same."""
 
@@ -38,10 +43,12 @@ class Task:
 
     Attributes:
         subject: its id.
-        dataset: the dataset's folder, absolute.
+        dataset: the dataset's folder, absolute; that of its mirror where it lies in a store.
         shard: the file to make.
         config: of the whole build.
         threads: threads of the CPU that the task may use.
+        store: the URL that the dataset lies at, or None: the files are made in a folder that goes
+            when they are in the store.
     """
 
     subject: str
@@ -49,31 +56,40 @@ class Task:
     shard: Path
     config: BuildConfig
     threads: int
+    store: str | None = None
 
 
 @dataclass(frozen=True)
 class ShardResult:
-    """A shard that stands on disk: its size, checksum, and what its line in the manifest says."""
+    """A shard that stands on disk: what its line in the manifest says of it."""
 
     bytes: int
     sha256: str
+    views: int
     seconds: float
     licence: str
 
 
 def subject_folder(dataset: Path, subject: str) -> Path:
     """Where a subject's files lie in a dataset."""
-    return dataset / "subjects" / subject
+    return dataset / SUBJECTS / subject
 
 
 def make_subject(task: Task) -> None:
     """Make the subject's files and, last of all, the record that says they are whole."""
-    _subject(task)
+    with _at_work(task) as here:
+        _subject(here)
+        _put_subject(here)
 
 
 def make_shard(task: Task) -> ShardResult:
     """Render, sense, write: from a subject's record to its shard on disk."""
-    return _shard(task, read_subject(subject_folder(task.dataset, task.subject)))
+    with _at_work(task) as here:
+        if here.store is not None:
+            _fetch_subject(here)
+        made = _shard(here, read_subject(subject_folder(here.dataset, here.subject)))
+        _put(here, here.shard)
+        return made
 
 
 def make_both(task: Task) -> ShardResult:
@@ -81,13 +97,58 @@ def make_both(task: Task) -> ShardResult:
 
     The source must not load torch: Blender comes into the same process.
     """
-    return _shard(task, _subject(task))
+    with _at_work(task) as here:
+        subject = _subject(here)
+        _put_subject(here)
+        made = _shard(here, subject)
+        _put(here, here.shard)
+        return made
+
+
+@contextmanager
+def _at_work(task: Task) -> Iterator[Task]:
+    """The task with a folder to do it in: the dataset's own, or one that stands for it."""
+    if task.store is None:
+        yield task
+        return
+    with TemporaryDirectory() as name:
+        shards = Path(name) / SHARDS
+        shards.mkdir()
+        yield replace(task, dataset=Path(name), shard=shards / task.shard.name)
+
+
+def _put_subject(task: Task) -> None:
+    """Into the store, where there is one: the subject's files, the record last."""
+    folder = subject_folder(task.dataset, task.subject)
+    files = sorted(filter(Path.is_file, folder.rglob("*")), key=lambda file: file.name == RECORD)
+    _put(task, *files)
+
+
+def _put(task: Task, *files: Path) -> None:
+    if task.store is not None:
+        store = Store(task.store)
+        for file in files:
+            store.put(file, file.relative_to(task.dataset).as_posix())
+
+
+def _fetch_subject(task: Task) -> None:
+    """Have the files here that another process made of the subject."""
+    assert task.store is not None
+    store = Store(task.store)
+    for name in store.files(f"{SUBJECTS}/{task.subject}"):
+        store.fetch(name, task.dataset / schema.check_relative_path(name, task.store))
 
 
 def stage_of(task: Task) -> str:
     """The stage that a task which failed was in."""
-    recorded = (subject_folder(task.dataset, task.subject) / RECORD).exists()
-    return "render" if recorded else "subjects"
+    record = subject_folder(task.dataset, task.subject) / RECORD
+    if task.store is None:
+        return "render" if record.exists() else "subjects"
+    try:
+        Store(task.store).stat(record.relative_to(task.dataset).as_posix())
+    except FileNotFoundError:
+        return "subjects"
+    return "render"
 
 
 def _subject(task: Task) -> Subject:

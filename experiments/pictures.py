@@ -14,8 +14,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from PIL import Image
 
-from shards.atomic import atomic_write
 from shards.raycast import Surface
+from storage.atomic import atomic_write
 from surface.cloud import lines_of_sight
 from surface.distances import nearest
 from surface.mesh import TriangleMesh

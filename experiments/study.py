@@ -21,10 +21,10 @@ from pathlib import Path
 from typing import Any
 
 from experiments.config import ExperimentConfig
-from shards.atomic import atomic_write
 from shards.claim import claim
 from shards.dataset import Dataset
 from shards.manifest import DatasetError
+from storage.atomic import atomic_write
 from surface.mesh import ENDINGS
 
 CHECKOUT = Path(__file__).resolve().parents[1]

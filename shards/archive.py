@@ -20,13 +20,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import IO, Any, Literal, NamedTuple
 
 import numpy as np
 
 from shards import schema
-from shards.atomic import atomic_write
-from shards.files import open_file
+from storage.atomic import atomic_write
+from storage.files import open_file
 
 Compression = Literal["stored", "deflate"]
 
@@ -49,13 +49,27 @@ class ShardError(ValueError):
     """A file that is no whole shard; one line that names the file."""
 
 
+class Written(NamedTuple):
+    """A shard that stands on disk, as the manifest tells of it.
+
+    Attributes:
+        bytes: the file's size.
+        sha256: of the file, hex.
+        views: V.
+    """
+
+    bytes: int
+    sha256: str
+    views: int
+
+
 def write_shard(
     path: Path,
     arrays: Mapping[str, np.ndarray],
     meta: Mapping[str, Any],
     compression: Compression = "stored",
     base: Shard | None = None,
-) -> tuple[int, str]:
+) -> Written:
     """Write one shard, whole or not at all.
 
     Args:
@@ -64,9 +78,6 @@ def write_shard(
         meta: JSON-ready, as `schema.check_meta` wants it.
         compression: "stored" to be mapped into memory, "deflate" to be passed on.
         base: the shard that `meta["base"]` names; members that are not given are its own.
-
-    Returns:
-        the file's size in bytes and its SHA-256 in hex.
 
     Raises:
         schema.SchemaError: if arrays or meta break the contract; nothing is written then.
@@ -90,7 +101,7 @@ def write_shard(
         length = file.tell()
         file.seek(0)
         digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return length, digest
+    return Written(length, digest, size[0])
 
 
 def _write_member(

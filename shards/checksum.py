@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from shards.files import open_file
+from storage.files import open_file
 
 
 def file_sha256(path: Path) -> str:

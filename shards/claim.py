@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from shards.atomic import atomic_write
 from shards.manifest import differences
+from storage.atomic import atomic_write
 
 
 def claim(path: Path, record: Mapping[str, Any], what: str) -> None:

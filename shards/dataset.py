@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import time
 from collections import Counter
 from collections.abc import Iterable, KeysView, Mapping
 from dataclasses import asdict, replace
@@ -15,11 +16,9 @@ from typing import IO, Any, Self
 
 from shards import schema
 from shards.archive import Shard, ShardError, StoredMember
-from shards.atomic import atomic_write, is_temporary, remove_temporary_files
 from shards.card import render_card
 from shards.checksum import file_sha256
 from shards.croissant import describe
-from shards.files import open_file
 from shards.lock import LOCK, lock_folder
 from shards.manifest import (
     DatasetError,
@@ -33,6 +32,10 @@ from shards.manifest import (
 )
 from shards.splits import SPLITS, Split, split_subjects
 from shards.sweep import is_sweep
+from storage.atomic import atomic_write, is_temporary, remove_temporary_files
+from storage.files import open_file
+from storage.mirror import Mirror
+from storage.store import is_url, local_path
 
 DOCUMENT = "dataset.json"
 MANIFEST = "manifest.jsonl"
@@ -42,6 +45,14 @@ BASE = "base"
 """Link to the dataset that holds what the shards of this one do not."""
 SHARDS = "shards"
 SUBJECTS = "subjects"
+
+RECORD = "subject.json"
+"""The last file that is made of a subject, in its folder: it has them all then."""
+
+_LIST_EVERY = 20.0
+"""Seconds between two lists of shards that a store is told, at least; and the next line."""
+_LIST_SHARE = 50.0
+"""Of the time that telling it takes."""
 
 _BLOCK = "rectoverso"
 _DESCRIPTION = (
@@ -63,6 +74,10 @@ class DatasetWriter:
         unplanned: subjects that the manifest listed and that are not to be made any more; their
             shards stay on the disk and belong to no dataset.
 
+    In a store, the folder is a mirror of it. Workers put the shards there themselves; what this
+    writes, it puts there too: the list of shards every now and then and at `close`, so that a
+    process that is killed forgets the shards of its last seconds, which come again alike.
+
     Args:
         folder: the dataset's; made if missing.
         config: JSON-ready, all that the bytes of the shards depend on.
@@ -72,6 +87,7 @@ class DatasetWriter:
         base: the dataset whose shards those of this one refer to, subject by subject; the split
             is its own then. It is linked at `BASE`, and a shard whose base changed, or whose
             `meta.sweep` is not `config`, is made again.
+        mirror: of the store that the dataset lies in; `folder` is its own then.
 
     Raises:
         DatasetError: if the folder holds a dataset of another configuration, or anything else,
@@ -87,9 +103,11 @@ class DatasetWriter:
         seed: int,
         versions: Mapping[str, str],
         base: Dataset | None = None,
+        mirror: Mirror | None = None,
     ) -> None:
         self.folder = Path(folder)
         self.base = base
+        self.mirror = mirror
         self.config: dict[str, Any] = json.loads(json.dumps(config, allow_nan=False))
         self.versions = dict(versions)
         self.planned = sorted(schema.check_subject_id(subject) for subject in planned)
@@ -104,11 +122,13 @@ class DatasetWriter:
         self._seed = seed
         self._entries: dict[str, Entry] = {}
         self._failures: dict[str, dict[str, str]] = {}
+        self._unlisted, self._listed_at, self._listing = False, time.monotonic(), 0.0
+        self._stored: dict[str, int] | None = None
         self._lock = self._claim_folder()
         try:
             self._take_up()
         except BaseException:
-            self.close()
+            self._lock.close()
             raise
 
     def __enter__(self) -> Self:
@@ -124,7 +144,16 @@ class DatasetWriter:
 
     def close(self) -> None:
         """Let other builds have the folder."""
-        self._lock.close()
+        try:
+            if self._unlisted:
+                self._list()
+        finally:
+            self._lock.close()
+
+    @property
+    def place(self) -> str:
+        """Where the dataset lies, for people: its folder, or its URL."""
+        return str(self.folder) if self.mirror is None else self.mirror.store.url
 
     @property
     def finished(self) -> KeysView[str]:
@@ -140,6 +169,7 @@ class DatasetWriter:
         subject: str,
         bytes: int,
         sha256: str,
+        views: int,
         seconds: float,
         licence: str,
     ) -> None:
@@ -149,6 +179,7 @@ class DatasetWriter:
             subject: its id, one of those planned.
             bytes: the size, as `archive.write_shard` returned it.
             sha256: the checksum, likewise.
+            views: how many it holds, likewise.
             seconds: what it took to make.
             licence: the subject's.
         """
@@ -156,6 +187,7 @@ class DatasetWriter:
             file=self._shard_file(subject),
             bytes=bytes,
             sha256=sha256,
+            views=views,
             subject=subject,
             split=self.splits[subject],
             licence=licence,
@@ -165,6 +197,9 @@ class DatasetWriter:
         append_json_line(self.folder / MANIFEST, asdict(entry))
         self._entries[subject] = entry
         self._failures.pop(subject, None)
+        self._unlisted = True
+        if time.monotonic() - self._listed_at > max(_LIST_EVERY, _LIST_SHARE * self._listing):
+            self._list()
 
     def fail(self, subject: str, stage: str, reason: str) -> None:
         """Set a subject aside, planned or not: what failed, and why, in one line."""
@@ -172,6 +207,14 @@ class DatasetWriter:
         failure = {"subject": subject, "stage": stage, "reason": reason}
         append_json_line(self.folder / FAILURES, failure)
         self._failures[subject] = failure
+        self._unlisted = True
+
+    def lay(self, name: str, data: bytes) -> None:
+        """Make or replace a file of the dataset, whole or not at all: `name` is its path there."""
+        with atomic_write(self.folder / name) as file:
+            file.write(data)
+        if self.mirror is not None:
+            self.mirror.store.write(name, data)
 
     def finish(self) -> None:
         """Put everything in order: manifest, failures, dataset.json, the card; no leftovers."""
@@ -179,9 +222,22 @@ class DatasetWriter:
         write_json_lines(
             self.folder / FAILURES, (self._failures[name] for name in sorted(self._failures))
         )
+        self._list()
         self._write_descriptions()
         for folder in (self.folder, self.folder / SHARDS):
             remove_temporary_files(folder)
+
+    def _list(self) -> None:
+        """Tell the store which shards there are, and what failed."""
+        if self.mirror is None:
+            return
+        start = time.monotonic()
+        for name in (FAILURES, MANIFEST):
+            if (self.folder / name).exists():
+                self.mirror.store.put(self.folder / name, name)
+        self._unlisted = False
+        self._listed_at = time.monotonic()
+        self._listing = self._listed_at - start
 
     def _shard_file(self, subject: str) -> str:
         if subject not in self.splits:
@@ -192,6 +248,9 @@ class DatasetWriter:
         """Whether the shard, and all files that it was made from, stand as they were entered."""
         if entry.file != self._shard_file(entry.subject) or entry.versions != self.versions:
             return False
+        if self._stored is not None:  # which has files whole, and nobody changes them there
+            record = f"{SUBJECTS}/{entry.subject}/{RECORD}"
+            return self._stored.get(entry.file) == entry.bytes and record in self._stored
         path = self.shard_path(entry.subject)
         try:
             if path.stat().st_size != entry.bytes:
@@ -215,6 +274,8 @@ class DatasetWriter:
         if self.folder.exists() and not self.folder.is_dir():
             raise DatasetError(f"{self.folder} is a file; choose a folder for the dataset")
         self.folder.mkdir(parents=True, exist_ok=True)
+        if self.mirror is not None:
+            return self._claim_store(self.mirror)
         if not (self.folder / DOCUMENT).exists() and any(
             path.name != LOCK and not is_temporary(path) for path in self.folder.iterdir()
         ):
@@ -222,6 +283,22 @@ class DatasetWriter:
                 f"{self.folder} is not empty and holds no {DOCUMENT}; choose a new or empty folder"
             )
         return lock_folder(self.folder)
+
+    def _claim_store(self, mirror: Mirror) -> IO[bytes]:
+        """The mirror's lock, and in it what the store's dataset tells of itself."""
+        lock = lock_folder(self.folder)
+        try:
+            files = mirror.store.files()
+            if files and DOCUMENT not in files:
+                raise DatasetError(
+                    f"{mirror.store.url} is not empty and holds no {DOCUMENT}; choose another URL"
+                )
+            mirror.renew((DOCUMENT, MANIFEST))
+            self._stored = {name: stored.bytes for name, stored in files.items()}
+        except BaseException:
+            lock.close()
+            raise
+        return lock
 
     def _take_up(self) -> None:
         """Make the folder, or read what an earlier writer left in it."""
@@ -274,12 +351,12 @@ class DatasetWriter:
         """dataset.json and README.md; they depend on config and shards, not on time or place."""
         members: dict[str, StoredMember] = {}
         lent: tuple[str, ...] = ()
-        views = 0
-        for subject in sorted(self._entries):
-            shard = Shard(self.shard_path(subject))
-            members, lent = members or shard.members, lent or shard.lent
-            views += len(shard)
         entries = [self._entries[subject] for subject in sorted(self._entries)]
+        if entries:  # all shards of one configuration have the same members
+            if self.mirror is not None:
+                self.mirror.path(entries[0].file)
+            shard = Shard(self.folder / entries[0].file)
+            members, lent = shard.members, shard.lent
         splits: dict[Split, list[str]] = {
             name: [e.subject for e in entries if e.split == name] for name in SPLITS
         }
@@ -298,7 +375,7 @@ class DatasetWriter:
                 "failures": len(self._failures),
                 "train": len(splits["train"]),
                 "test": len(splits["test"]),
-                "views": views,
+                "views": sum(entry.views for entry in entries),
             },
             "totals": {"bytes": sum(entry.bytes for entry in entries)},
         }
@@ -307,10 +384,8 @@ class DatasetWriter:
         licences = Counter(entry.licence for entry in entries)
         card = render_card(name, _DESCRIPTION, block, licences, members, lent)
         text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False)
-        with atomic_write(self.folder / DOCUMENT) as file:
-            file.write(text.encode(errors="backslashreplace") + b"\n")
-        with atomic_write(self.folder / CARD) as file:
-            file.write(card.encode(errors="backslashreplace"))
+        self.lay(DOCUMENT, text.encode(errors="backslashreplace") + b"\n")
+        self.lay(CARD, card.encode(errors="backslashreplace"))
 
 
 class Dataset:
@@ -321,14 +396,19 @@ class Dataset:
         manifest: subject -> Entry, in the order of the ids.
 
     Args:
-        folder: where a build wrote it.
+        folder: where a build wrote it; or its URL in a store, of which a mirror is made, with the
+            files that are asked for.
 
     Raises:
         DatasetError: if the folder holds no dataset, or one of another schema.
+        StoreError: if the store cannot be read.
     """
 
     def __init__(self, folder: Path | str) -> None:
-        self.folder = Path(folder)
+        self._mirror = Mirror(str(folder)) if is_url(folder) else Mirror.of(local_path(folder))
+        self.folder = local_path(folder) if self._mirror is None else self._mirror.folder
+        if self._mirror is not None:
+            self._mirror.renew((DOCUMENT, MANIFEST, FAILURES))
         self._block = _read_block(self.folder)
         entries = read_manifest(self.folder / MANIFEST)
         self.manifest: dict[str, Entry] = {name: entries[name] for name in sorted(entries)}
@@ -396,7 +476,7 @@ class Dataset:
         """The subject's file."""
         if subject not in self.manifest:
             raise DatasetError(f"{self.folder} has no finished subject {subject!r}")
-        return self.folder / self.manifest[subject].file
+        return self._here(self.manifest[subject].file)
 
     def shards_sha256(self, subjects: Iterable[str]) -> str:
         """SHA-256 in hex of what the manifest says of these subjects' shards, in their order."""
@@ -411,7 +491,16 @@ class Dataset:
         Raises:
             schema.SchemaError: if the name leads out of the folder.
         """
-        return self.folder / schema.check_relative_path(relative, str(self.folder))
+        return self._here(schema.check_relative_path(relative, str(self.folder)))
+
+    def _here(self, name: str) -> Path:
+        """The file; of a store, brought here. Where it is missing, opening it will say so."""
+        if self._mirror is not None:
+            try:
+                return self._mirror.path(name)
+            except FileNotFoundError:
+                pass
+        return self.folder / name
 
 
 def config_sha256(config: Mapping[str, Any]) -> str:

@@ -13,8 +13,8 @@ import numpy as np
 import trimesh
 from trimesh.resolvers import FilePathResolver
 
-from shards.files import open_file
 from shards.wavefront import read_obj
+from storage.files import open_file
 
 
 def read_geometry(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,10 +10,10 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from shards.atomic import atomic_write
-from shards.files import open_file
 from shards.schema import check_relative_path, check_subject_id
 from shards.splits import SPLITS, Split
+from storage.atomic import atomic_write
+from storage.files import open_file
 
 _SHOWN_DIFFERENCES = 4
 
@@ -30,6 +30,7 @@ class Entry:
         file: posix path below the dataset.
         bytes: the file's size.
         sha256: of the file, hex.
+        views: that it holds.
         subject: its id.
         split: "train" or "test".
         licence: the subject's.
@@ -40,6 +41,7 @@ class Entry:
     file: str
     bytes: int
     sha256: str
+    views: int
     subject: str
     split: Split
     licence: str
@@ -54,7 +56,7 @@ class Entry:
         for name in ("sha256", "licence"):
             if not isinstance(getattr(self, name), str):
                 raise ValueError(f"{name} is {getattr(self, name)!r}, which is no text")
-        for name, kind in (("bytes", int), ("seconds", (int, float))):
+        for name, kind in (("bytes", int), ("views", int), ("seconds", (int, float))):
             value = getattr(self, name)
             if not isinstance(value, kind) or not 0 <= value < math.inf:
                 raise ValueError(f"{name} is {value!r}, which is no such number")

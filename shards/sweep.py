@@ -9,9 +9,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
-from shards.atomic import atomic_write, is_temporary
 from shards.lock import LOCK, lock_folder
 from shards.manifest import DatasetError
+from storage.atomic import atomic_write, is_temporary
 
 INDEX = "sweep.json"
 """Where the sweep's data lie, what its powers share, and each power's folder."""

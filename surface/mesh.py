@@ -9,8 +9,8 @@ import numpy as np
 import trimesh
 
 from augment.srgb import linear
-from shards.atomic import atomic_write
 from shards.geometry import read_geometry
+from storage.atomic import atomic_write
 
 FORMATS = (".obj", ".glb", ".ply")
 """What `write_mesh` writes."""

@@ -273,3 +273,73 @@ def test_a_disk_that_cannot_be_written_is_one_line(config, small_disk):
     assert status in (1, 2)
     assert len(said.splitlines()) == 1
     assert "Read-only file system" in said
+
+
+@pytest.fixture
+def bucket(tmp_path, monkeypatch):
+    """URL of an empty folder of an S3 server on this machine, which every process may reach."""
+    import boto3
+    from moto.server import ThreadedMotoServer
+
+    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    for name, value in {
+        "AWS_ENDPOINT_URL": f"http://{host}:{port}",
+        "AWS_ACCESS_KEY_ID": "testing",
+        "AWS_SECRET_ACCESS_KEY": "testing",
+        "AWS_DEFAULT_REGION": "us-east-1",
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+    }.items():
+        monkeypatch.setenv(name, value)
+    boto3.client("s3").create_bucket(Bucket="bucket")
+    yield "s3://bucket"
+    server.stop()
+
+
+def test_a_store_is_as_good_as_a_folder(bucket, tmp_path):
+    """Scans and dataset in S3, a killed build, a new machine: the bytes of a build in a folder."""
+    from shards.verify import verify
+    from storage.store import Store
+
+    config = write_scans(tmp_path, 3)
+    folder = tmp_path / "folder"
+    assert finish(start(config, folder))[0] == 0
+    scans = Store(f"{bucket}/scans")
+    for scan in (tmp_path / "scans").iterdir():
+        scans.put(scan, scan.name)
+    shutil.rmtree(tmp_path / "scans")
+
+    def build() -> subprocess.Popen[str]:
+        command = [sys.executable, str(ROOT / "pipeline.py"), "build", "--config", str(config)]
+        command += ["--output", f"{bucket}/data", "--subjects.root", f"{bucket}/scans"]
+        process = subprocess.Popen(
+            [*command, "--jobs", "1"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        STARTED.append(process.pid)
+        return process
+
+    store = Store(f"{bucket}/data")
+    killed = build()
+    while killed.poll() is None and "shards/s0.npz" not in store.files():
+        time.sleep(0.1)
+    os.killpg(killed.pid, signal.SIGKILL)
+    finish(killed)
+    wait_until_gone(killed.pid)
+    shutil.rmtree(tmp_path / "cache")  # what follows may be another machine
+    status, said = finish(build())
+    assert status == 0, said
+
+    expected = contents(folder)
+    assert set(store.files()) >= {name for name in expected if name.startswith("shards/")}
+    for name in ("s0", "s1", "s2"):
+        assert store.read(f"shards/{name}.npz") == expected[f"shards/{name}.npz"]
+    report = verify(f"{bucket}/data")
+    assert report.ok, report.breaches
+    status, said = finish(build())
+    assert status == 0, said
+    assert "3 of 3 shards stand already" in said

@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from shards.atomic import atomic_write
+from storage.atomic import atomic_write
 from trainer.views import DepthRange
 
 SCHEMA = 3

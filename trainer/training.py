@@ -20,10 +20,10 @@ from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 import seeds
-from shards.atomic import atomic_write, is_temporary, remove_temporary_files
 from shards.checksum import file_sha256
 from shards.lock import LOCK, hold_folder, lock_folder
 from shards.manifest import differences
+from storage.atomic import atomic_write, is_temporary, remove_temporary_files
 from trainer import checkpoint, processes
 from trainer.branch import Branch, Front
 from trainer.checkpoint import Checkpoint, CheckpointError

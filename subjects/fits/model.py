@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from storage.mirror import local_folder
 from subjects.fits.parameters import Gender, Parameters
 from subjects.fits.pickles import read_npz, read_pickle
 from subjects.mesh import Mesh, MeshError
@@ -60,7 +61,7 @@ def find_model(folder: str | None, gender: Gender) -> Path:
             f"needs SMPL-X's {gender} model to be posed: put {name}.npz, of {SOURCE}, into a "
             "folder and give it as subjects.models, or give posed bodies (subjects.fits.mesh)"
         )
-    root = Path(folder).expanduser()
+    root = local_folder(folder)
     for below in (".", "smplx", "models/smplx"):
         for suffix in (".npz", ".pkl"):
             path = root / below / f"{name}{suffix}"

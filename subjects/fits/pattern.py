@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from storage.mirror import local_folder
+
 
 @dataclass(frozen=True)
 class Place:
@@ -108,7 +110,7 @@ def base_folder(root: str | None, scans: Path, key: str) -> Path:
     Raises:
         ValueError: it is no folder.
     """
-    base = scans if root is None else Path(root).expanduser()
+    base = scans if root is None else local_folder(root)
     if not base.is_dir():
         raise ValueError(f"{key}: '{base}' is no folder; give the folder of the files it names")
     return base

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from storage.mirror import local_folder
 from subjects.fits.body import Body
 from subjects.fits.estimates import Estimates
 from subjects.fits.fit import Fit
@@ -59,7 +60,8 @@ class Scans(Source):
     """
 
     root: str
-    """Folder that holds the scans, at any depth."""
+    """Folder that holds the scans, at any depth; or its URL in a store, from which all files below
+    it come to this machine first."""
     up: Axis
     """The file's axis that points from feet to head; or `body`: of each scan, the axis nearest to
     the upright of the body that is fitted to it."""
@@ -114,6 +116,10 @@ class Scans(Source):
                 f"subjects.pattern: '{self.pattern}' does not stay below root; "
                 "give one like '**/*.obj'"
             )
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What is cached is of this machine, which need not be the one that makes the subjects.
+        return {field.name: self.__dict__[field.name] for field in fields(self)}
 
     @property
     def packages(self) -> tuple[str, ...]:
@@ -314,7 +320,7 @@ class Scans(Source):
 
     @cached_property
     def _root(self) -> Path:
-        root = Path(self.root).expanduser()
+        root = local_folder(self.root)
         if not root.is_dir():
             raise ValueError(f"subjects.root: '{root}' is no folder; give the scans' folder")
         return root

@@ -50,8 +50,8 @@ def build(tmp_path: Path) -> Build:
                 meta = closed_form_meta(subject, views)
                 meta["mesh"] = f"subjects/{subject}/{subject}.obj"
                 meta["body_parameters"] = given.get("body", {})
-                size, sha256 = write_shard(writer.shard_path(subject), arrays, meta)
-                writer.add(subject, size, sha256, given.get("seconds", 1.0), "CC0-1.0")
+                written = write_shard(writer.shard_path(subject), arrays, meta)
+                writer.add(subject, *written, given.get("seconds", 1.0), "CC0-1.0")
             writer.finish()
         return folder
 

@@ -159,8 +159,8 @@ def build(tmp_path: Path) -> Callable[..., Path]:
         subject = meta["subject"]
         with DatasetWriter(folder, CONFIG, [subject], 7, meta["versions"]) as writer:
             write_surfaces(folder)
-            size, sha256 = write_shard(writer.shard_path(subject), arrays, meta, compression)
-            writer.add(subject, size, sha256, 1.25, meta["licence"])
+            written = write_shard(writer.shard_path(subject), arrays, meta, compression)
+            writer.add(subject, *written, 1.25, meta["licence"])
             writer.finish()
         return folder
 

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from shards.archive import Shard, ShardError, write_shard
-from shards.atomic import atomic_write, remove_temporary_files
 from shards.schema import MEMBERS, SchemaError
+from storage.atomic import atomic_write, remove_temporary_files
 
 ROOT = Path(__file__).parents[2]
 
@@ -49,7 +49,8 @@ def path(tmp_path, arrays, meta):
 @pytest.mark.parametrize("compression", ["stored", "deflate"])
 def test_round_trip(tmp_path, arrays, meta, compression):
     path = tmp_path / "box.npz"
-    size, sha256 = write_shard(path, arrays, meta, compression)
+    size, sha256, views = write_shard(path, arrays, meta, compression)
+    assert views == len(arrays["mask"])
     assert size == path.stat().st_size
     assert sha256 == subprocess.check_output(["sha256sum", path], text=True).split()[0]
     shard = Shard(path)

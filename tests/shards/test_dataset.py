@@ -62,8 +62,8 @@ def add(arrays, meta, surfaces):
     def add(writer, subject, licence="CC0-1.0"):
         if not (writer.folder / "subjects" / "box.obj").exists():
             surfaces(writer.folder)
-        size, sha256 = write_shard(writer.shard_path(subject), arrays, {**meta, "subject": subject})
-        writer.add(subject, size, sha256, 1.0, licence)
+        written = write_shard(writer.shard_path(subject), arrays, {**meta, "subject": subject})
+        writer.add(subject, *written, 1.0, licence)
 
     return add
 
@@ -393,7 +393,7 @@ def test_only_planned_subjects_with_good_names(folder, open_writer):
     writer = open_writer(folder)
     for call in (
         lambda: writer.shard_path("z"),
-        lambda: writer.add("z", 1, "", 1.0, ""),
+        lambda: writer.add("z", 1, "", 1, 1.0, ""),
     ):
         with pytest.raises(DatasetError, match="'z' is not planned"):
             call()

@@ -548,8 +548,8 @@ class TestBodies:
                     (home / folder / meta["mesh"]).write_text(subject)
                     meta["body_parameters"] = {"scan_to_body_mm": 17.4, "body_to_scan_mm": 5.0}
                     arrays = closed_form_arrays(1) | turned
-                    size, sha256 = write_shard(writer.shard_path(subject), arrays, meta)
-                    writer.add(subject, size, sha256, 1.0, "CC0-1.0")
+                    written = write_shard(writer.shard_path(subject), arrays, meta)
+                    writer.add(subject, *written, 1.0, "CC0-1.0")
                 writer.finish()
             return home / folder
 
