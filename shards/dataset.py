@@ -409,7 +409,13 @@ class Dataset:
         self.folder = local_path(folder) if self._mirror is None else self._mirror.folder
         if self._mirror is not None:
             self._mirror.renew((DOCUMENT, MANIFEST, FAILURES))
-        self._block = _read_block(self.folder)
+        try:
+            self._block = _read_block(self.folder)
+        except DatasetError as error:
+            if self._mirror is None:
+                raise
+            url = self._mirror.store.url
+            raise DatasetError(str(error).replace(str(self.folder), url)) from None
         entries = read_manifest(self.folder / MANIFEST)
         self.manifest: dict[str, Entry] = {name: entries[name] for name in sorted(entries)}
 

@@ -99,3 +99,8 @@ def test_damage_is_found(url, tmp_path, arrays, meta, surfaces):
     fill(url, tmp_path, arrays, meta, surfaces)
     Store(url).write("shards/box.npz", b"torn")
     assert not verify(url).ok
+
+
+def test_what_is_no_dataset_is_told_by_its_url(url):
+    with pytest.raises(DatasetError, match=f"^{url} holds no dataset.json"):
+        Dataset(url)
