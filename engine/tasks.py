@@ -119,6 +119,8 @@ def _at_work(task: Task) -> Iterator[Task]:
 
 def _put_subject(task: Task) -> None:
     """Into the store, where there is one: the subject's files, the record last."""
+    if task.store is None:
+        return
     folder = subject_folder(task.dataset, task.subject)
     files = sorted(filter(Path.is_file, folder.rglob("*")), key=lambda file: file.name == RECORD)
     _put(task, *files)

@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 
 from tqdm import tqdm
 
+from storage.atomic import is_temporary
 from storage.files import open_file
 from storage.store import Store, Stored, StoreError, is_url, local_path
 
@@ -113,7 +114,8 @@ class Mirror:
         if folder.is_dir():
             for file in [file for file in folder.rglob("*") if not file.is_dir()]:
                 name = file.relative_to(self.folder).as_posix()
-                if name not in wanted and name not in (URL, FETCHED):
+                # What is temporary may be on its way here in another process.
+                if name not in wanted and name not in (URL, FETCHED) and not is_temporary(file):
                     file.unlink(missing_ok=True)
         total = sum(stored.bytes for stored in wanted.values())
         with tqdm(
