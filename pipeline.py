@@ -295,7 +295,7 @@ def _add_means(parser: ArgumentParser) -> None:
     """What a build or a sweep is given to work with."""
     from jsonargparse.typing import PositiveInt
 
-    from engine.workers import Limits
+    from engine.workers import WorkerLimits
 
     parser.add_argument(
         "--jobs", type=PositiveInt | None, help="worker processes (default: one per processor)"
@@ -309,7 +309,7 @@ def _add_means(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler", type=str | None, help="Dask's address (default: one of our own, here)"
     )
-    parser.add_class_arguments(Limits, "limits")
+    parser.add_class_arguments(WorkerLimits, "limits")
 
 
 def _means(made: Any) -> Means:

@@ -21,7 +21,7 @@ import distributed
 from distributed.scheduler import KilledWorker
 
 from engine.scratch import scratch_folder, temporary_in
-from engine.workers import MAX_DEATHS, EngineError, Limits, Worker, WorkerDiedError, death
+from engine.workers import MAX_DEATHS, EngineError, Worker, WorkerDiedError, WorkerLimits, death
 from shards.lock import LOCK
 
 Item = TypeVar("Item")
@@ -64,7 +64,7 @@ class Cluster:
         scheduler: str | None,
         workers: int,
         threads: int,
-        limits: Limits,
+        limits: WorkerLimits,
         output: Path,
         shared: bool = True,
     ) -> None:
@@ -211,7 +211,7 @@ class Serve:
         self,
         function: Callable[[Any], Any],
         threads: int,
-        limits: Limits,
+        limits: WorkerLimits,
         output: Path | None,
         packages: dict[str, str | None],
     ) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar
 
 from engine.scratch import scratch_folder, temporary_in
-from engine.workers import Limits, cpu_count, run
+from engine.workers import WorkerLimits, cpu_count, run
 
 Item = TypeVar("Item")
 
@@ -46,7 +46,7 @@ class Means:
     engine: Literal["local", "dask"] = "local"
     scheduler: str | None = None
     jobs: int | None = None
-    limits: Limits = field(default_factory=Limits)
+    limits: WorkerLimits = field(default_factory=WorkerLimits)
 
     def __post_init__(self) -> None:
         if self.scheduler is not None and self.engine != "dask":
@@ -95,7 +95,7 @@ class Local:
 
     workers: int
     threads: int
-    limits: Limits
+    limits: WorkerLimits
     scratch: Path
 
     def run(

@@ -24,7 +24,6 @@ from engine.config import BuildConfig
 from engine.memory import PeakMemory
 from render.camera import place_camera
 from render.capture import Capture, CaptureError, capture
-from shards import schema
 from shards.archive import write_shard
 from shards.checksum import file_sha256
 from shards.dataset import RECORD, SHARDS, SUBJECTS
@@ -138,7 +137,7 @@ def _fetch_subject(task: Task) -> None:
     assert task.store is not None
     store = Store(task.store)
     for name in store.files(f"{SUBJECTS}/{task.subject}"):
-        store.fetch(name, task.dataset / schema.check_relative_path(name, task.store))
+        store.fetch(name, task.dataset / name)
 
 
 def stage_of(task: Task) -> str:

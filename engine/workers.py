@@ -43,7 +43,7 @@ def death(where: str = "") -> WorkerDiedError:
 
 
 @dataclass(frozen=True)
-class Limits:
+class WorkerLimits:
     """What a worker process may take before it is stopped, or replaced by a fresh one."""
 
     seconds: float | None = 3600
@@ -63,7 +63,7 @@ class Limits:
                 raise ValueError(f"limits.{name}: {given}; give 1 or more, or null")
 
 
-NO_LIMITS = Limits(None, None, None)
+NO_LIMITS = WorkerLimits(None, None, None)
 
 
 def cpu_count() -> int:
@@ -76,7 +76,7 @@ def run(
     items: Iterable[Item],
     jobs: int,
     threads: int,
-    limits: Limits = NO_LIMITS,
+    limits: WorkerLimits = NO_LIMITS,
     environment: Mapping[str, str] | None = None,
 ) -> Iterator[tuple[Item, Any]]:
     """Call `function` on every item in `jobs` fresh processes; yield (item, result) as they end.
@@ -146,7 +146,7 @@ class Worker(Generic[Item]):
 
     function: Callable[[Item], Any]
     threads: int
-    limits: Limits = NO_LIMITS
+    limits: WorkerLimits = NO_LIMITS
     environment: Mapping[str, str] | None = None
     _pool: ProcessPoolExecutor | None = field(default=None, init=False)
     _future: Future[Any] | None = field(default=None, init=False)

@@ -122,9 +122,9 @@ def capture(
         bare = Scene("body", skin, camera, cycles, light_position=None, threads=threads)
     with tempfile.TemporaryDirectory(prefix="rectoverso-") as name:
         folder = Path(name)
+        places = [camera.rectangle(shown.points, angle) for angle in yaw]
         # Scene after scene: Blender takes a fifth of a second to turn from one to another.
-        for i, angle in enumerate(yaw):
-            place = camera.rectangle(shown.points, angle)
+        for i, (angle, place) in enumerate(zip(yaw, places, strict=True)):
             front, back = (_truth(truth, angle, side, place, folder) for side in (False, True))
             mask, dropped[i] = _silhouette(front.mask, back.mask, angle)
             masks[i][place] = mask
@@ -133,8 +133,7 @@ def capture(
                 view[f"depth_{where}"][mask] = side.depth[mask]
                 view[f"normal_{where}"][mask] = side.normal[mask]
             _order(view["depth_front"], view["depth_back"], angle)
-        for i, angle in enumerate(yaw):
-            place = camera.rectangle(shown.points, angle)
+        for i, (angle, place) in enumerate(zip(yaw, places, strict=True)):
             mask = masks[i][place]
             for is_back, where in ((False, "front"), (True, "back")):
                 radiance = _radiance(beauty, angle, is_back, place, folder)

@@ -132,7 +132,10 @@ class Scene:
         self._eye = self._add_camera()
         self._scene.camera = self._eye
         self._light_position = light_position
-        self._light = None if light_position is None else self._add_light()
+        self._light = None
+        if light_position is not None:
+            self._light = self._add_light()
+            self._add_twin()
 
     def render(
         self, yaw: float, back: bool, rectangle: tuple[slice, slice], folder: Path
@@ -187,6 +190,13 @@ class Scene:
         data.use_soft_falloff = False
         data.cycles.max_bounces = 0
         return self._link("light", data)
+
+    def _add_twin(self) -> None:
+        # A mesh of two objects has a BVH of its own, below the scene's; one of a single object lies
+        # in the scene's, which Cycles builds again for every place of the light. No ray sees this.
+        twin = self._link("twin", self.surface.data)
+        for rays in ("camera", "diffuse", "glossy", "transmission", "shadow"):
+            setattr(twin, f"visible_{rays}", False)
 
     def _link(self, name: str, data: Any) -> Any:
         thing = bpy.data.objects.new(name, data)

@@ -9,7 +9,7 @@ import re
 import sys
 from collections.abc import Iterable
 from functools import lru_cache
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from tqdm import tqdm
 
@@ -75,7 +75,7 @@ class Mirror:
             FileNotFoundError: the store has no such file; none is here then.
             StoreError: it cannot be fetched.
         """
-        file = self.folder / _inside(name)
+        file = self.folder / name
         if name not in self._sure or not file.is_file():
             try:
                 self._bring(name, self.store.stat(name))
@@ -110,7 +110,7 @@ class Mirror:
         wanted = self.store.files(below)
         if not wanted:
             raise FileNotFoundError(f"{self.store.url}/{below}".rstrip("/"))
-        folder = self.folder / _inside(below) if below else self.folder
+        folder = self.folder / below if below else self.folder
         if folder.is_dir():
             for file in [file for file in folder.rglob("*") if not file.is_dir()]:
                 name = file.relative_to(self.folder).as_posix()
@@ -134,7 +134,9 @@ class Mirror:
         return folder
 
     def _bring(self, name: str, stored: Stored) -> None:
-        file = self.folder / _inside(name)
+        if name in (URL, FETCHED):
+            raise StoreError(f"{name!r} is a name that mirrors keep to themselves; rename it")
+        file = self.folder / name
         if self._known is None:
             self._known = self._fetched()
         same = stored.token and self._known.get(name) == stored.token and file.is_file()
@@ -176,14 +178,3 @@ def local_folder(place: str) -> Path:
 def _brought(url: str) -> Path:
     """The store is read once by every process."""
     return Mirror(url).bring()
-
-
-def _inside(name: str) -> str:
-    """`name`, which must not lead out of the mirror: a store may hold any key."""
-    path = PurePosixPath(name)
-    parts = name.split("/")
-    if path.is_absolute() or "\\" in name or "\0" in name or {"", ".", ".."} & set(parts):
-        raise StoreError(f"{name!r} is no file's name below the store's folder; rename it there")
-    if name in (URL, FETCHED):
-        raise StoreError(f"{name!r} is a name that mirrors keep to themselves; rename it")
-    return name

@@ -43,7 +43,8 @@ def local_path(place: Path | str) -> Path:
 
 
 class Store:
-    """The files below a URL. Names are posix paths below it; a file appears there whole.
+    """The files below a URL. Names are posix paths below it, and any that leads out of it is a
+    StoreError; a file appears there whole.
 
     Instances can be pickled, and used in a process that was forked.
 
@@ -130,9 +131,9 @@ class Store:
         with self._errors(below) as (system, path):
             root = self._place()[1].rstrip("/")
             for full, info in system.find(path, detail=True).items():
-                name = str(full).removeprefix(root).lstrip("/")
+                name = str(full).removeprefix(root).removeprefix("/")
                 if name and info["type"] == "file":
-                    found[name] = _stored(info)
+                    found[self._below(name)] = _stored(info)
         return dict(sorted(found.items()))
 
     def _place(self) -> tuple[Any, str]:
@@ -156,7 +157,7 @@ class Store:
         """The file system and a file's path in it, whose errors become a StoreError."""
         system, root = self._place()
         try:
-            yield system, f"{root.rstrip('/')}/{name}" if name else root
+            yield system, f"{root.rstrip('/')}/{self._below(name)}" if name else root
         except (FileNotFoundError, StoreError):
             raise
         except OSError as error:
@@ -165,6 +166,18 @@ class Store:
             raise StoreError(self._told(name, error)) from error
         except Exception as error:  # every store brings exceptions of its own
             raise StoreError(self._told(name, error)) from error
+
+    def _below(self, name: str) -> str:
+        """`name`, which must not lead out of the folder, here or there: a store may hold any key.
+
+        Raises:
+            StoreError: it does.
+        """
+        if "\\" in name or "\0" in name or {"", ".", ".."} & set(name.split("/")):
+            raise StoreError(
+                f"{self.url}: {name!r} is no file's name below the folder; rename it there"
+            )
+        return name
 
     def _told(self, name: str, error: Exception) -> str:
         where = f"{self.url}/{name}" if name else self.url

@@ -18,6 +18,7 @@ from PIL import Image
 
 from augment import sensors
 from shards.archive import Shard
+from tests.lumpy import write_lumpy
 
 ROOT = Path(__file__).parents[1]
 MEMBERS = {
@@ -49,16 +50,9 @@ def pipeline(*arguments: object, cwd: Path = ROOT) -> subprocess.CompletedProces
 
 
 def write_scan(path: Path, seed: int, height: float = 1.7) -> None:
-    """A lumpy textured ellipsoid, z up, in centimetres, as a GLB."""
-    rng = np.random.default_rng(seed)
-    ball = trimesh.creation.icosphere(subdivisions=4)
-    bumps = 1 + 0.08 * np.sin(ball.vertices @ rng.normal(0, 6, (3, 3))).prod(axis=1)
-    vertices = ball.vertices * bumps[:, None] * [25, 18, 50 * height] + rng.normal(0, 30, 3)
-    uv = ball.vertices[:, :2] * 0.5 + 0.5
-    texture = Image.fromarray(rng.integers(0, 256, (64, 64, 3), dtype=np.uint8))
-    material = trimesh.visual.material.PBRMaterial(baseColorTexture=texture)
-    visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
-    trimesh.Trimesh(vertices, ball.faces, visual=visual, process=False).export(path)
+    """A scan with z up, in centimetres, far from the middle."""
+    center = np.random.default_rng(seed + 100).normal(0, 30, 3)
+    write_lumpy(path, seed, [25, 18, 50 * height], center)
 
 
 def write_config(folder: Path, **changes: object) -> Path:

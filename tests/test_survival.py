@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-import trimesh
 import yaml
-from PIL import Image
+
+from tests.lumpy import write_lumpy
 
 ROOT = Path(__file__).parents[1]
 SUBJECTS = 6
@@ -29,15 +29,7 @@ def write_scans(folder: Path, count: int) -> Path:
     """Lumpy textured scans in folder/scans, and the configuration of two quick views of each."""
     (folder / "scans").mkdir(parents=True)
     for seed in range(count):
-        rng = np.random.default_rng(seed)
-        ball = trimesh.creation.icosphere(subdivisions=4)
-        bumps = 1 + 0.08 * np.sin(ball.vertices @ rng.normal(0, 6, (3, 3))).prod(axis=1)
-        vertices = ball.vertices * bumps[:, None] * [0.25, 0.85, 0.2]
-        texture = Image.fromarray(rng.integers(0, 256, (64, 64, 3), dtype=np.uint8))
-        material = trimesh.visual.material.PBRMaterial(baseColorTexture=texture)
-        visual = trimesh.visual.TextureVisuals(uv=ball.vertices[:, :2] / 2 + 0.5, material=material)
-        mesh = trimesh.Trimesh(vertices, ball.faces, visual=visual, process=False)
-        mesh.export(folder / "scans" / f"s{seed}.glb")
+        write_lumpy(folder / "scans" / f"s{seed}.glb", seed, [0.25, 0.85, 0.2])
     placed = {"up": "y", "front": "z", "unit": "m", "licence": "CC0-1.0"}
     source = {"root": str(folder / "scans"), **placed}
     config = {

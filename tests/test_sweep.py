@@ -13,9 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 import yaml
-from PIL import Image
 
 from augment import sensors
 from augment.color_camera import ColorCamera
@@ -30,6 +28,7 @@ from shards.dataset import Dataset
 from shards.splits import split_subjects
 from shards.sweep import read_index, read_shared
 from shards.verify import verify, verify_sweep
+from tests.lumpy import write_lumpy
 
 ROOT = Path(__file__).parents[1]
 POWERS = [2000.0, 730.0, 100.0]
@@ -44,16 +43,8 @@ def pipeline(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 def write_scan(path: Path, seed: int) -> None:
-    """A lumpy ellipsoid, y up, in metres, textured from black to white."""
-    rng = np.random.default_rng(seed)
-    ball = trimesh.creation.icosphere(subdivisions=4)
-    bumps = 1 + 0.08 * np.sin(ball.vertices @ rng.normal(0, 6, (3, 3))).prod(axis=1)
-    vertices = ball.vertices * bumps[:, None] * [0.25, 0.85, 0.2] + [0, 0.9, 0]
-    texture = Image.fromarray(rng.integers(0, 256, (64, 64, 3), dtype=np.uint8))
-    material = trimesh.visual.material.PBRMaterial(baseColorTexture=texture)
-    uv = ball.vertices[:, :2] * 0.5 + 0.5
-    visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
-    trimesh.Trimesh(vertices, ball.faces, visual=visual, process=False).export(path)
+    """A scan with y up, in metres."""
+    write_lumpy(path, seed, [0.25, 0.85, 0.2], [0, 0.9, 0])
 
 
 def build(folder: Path, *options: object, count: int = 2) -> Path:
@@ -464,7 +455,7 @@ def test_a_base_built_anew_from_another_seed_is_not_taken_for_the_same(copied) -
     folder = base.parent / "again"
     (folder / "scans").mkdir(parents=True)
     for i in range(2):
-        write_scan(folder / "scans" / f"s{i}.glb", seed=i)
+        write_lumpy(folder / "scans" / f"s{i}.glb", i, [0.25, 0.85, 0.2], [0, 0.9, 0])
     settings = yaml.safe_load((ROOT / "configs" / "scans.yaml").read_text())
     settings["subjects"]["init_args"] |= {"root": str(folder / "scans"), "licence": "CC0-1.0"}
     config.write_text(yaml.safe_dump({**settings, "views": {"count": 2}, "cycles": {"samples": 4}}))

@@ -14,7 +14,7 @@ import pytest
 
 from engine.cluster import RESOURCE, Cluster
 from engine.engines import Means
-from engine.workers import EngineError, Limits, WorkerDiedError
+from engine.workers import EngineError, WorkerDiedError, WorkerLimits
 from shards.lock import LOCK
 
 HERE = Path(__file__).parent
@@ -72,7 +72,7 @@ def scheduler() -> Iterator[str]:
 
 @pytest.fixture
 def cluster(scheduler, output) -> Iterator[Cluster]:
-    with Cluster(scheduler, 1, 1, Limits(seconds=60), output) as cluster:
+    with Cluster(scheduler, 1, 1, WorkerLimits(seconds=60), output) as cluster:
         yield cluster
 
 
@@ -95,7 +95,7 @@ def test_a_task_whose_dask_worker_is_lost_runs_on_another(cluster, tmp_path):
 
 
 def test_what_hangs_is_stopped(scheduler, output, tmp_path):
-    with Cluster(scheduler, 1, 1, Limits(seconds=2), output) as cluster:
+    with Cluster(scheduler, 1, 1, WorkerLimits(seconds=2), output) as cluster:
         ((_, result),) = cluster.run(partial(sleep_long, tmp_path), [0], 1)
     assert isinstance(result, WorkerDiedError)
     assert "longer than 2 s" in str(result)
@@ -105,9 +105,9 @@ def test_what_hangs_is_stopped(scheduler, output, tmp_path):
 def test_whoever_goes_leaves_no_process(scheduler, output, tmp_path, end):
     code = (
         "import sys\nfrom functools import partial\nfrom pathlib import Path\n"
-        "from engine.cluster import Cluster\nfrom engine.workers import Limits\n"
+        "from engine.cluster import Cluster\nfrom engine.workers import WorkerLimits\n"
         "from test_cluster import sleep_long\n"
-        "with Cluster(sys.argv[1], 1, 1, Limits(), Path(sys.argv[2])) as cluster:\n"
+        "with Cluster(sys.argv[1], 1, 1, WorkerLimits(), Path(sys.argv[2])) as cluster:\n"
         "    list(cluster.run(partial(sleep_long, Path(sys.argv[3])), [0, 1], 1))"
     )
     given = [scheduler, str(output), str(tmp_path)]
@@ -130,7 +130,7 @@ def test_whoever_goes_leaves_no_process(scheduler, output, tmp_path, end):
 
 def test_workers_that_do_not_see_the_output_are_named(scheduler, tmp_path):
     with (
-        Cluster(scheduler, 1, 1, Limits(), tmp_path / "elsewhere") as cluster,
+        Cluster(scheduler, 1, 1, WorkerLimits(), tmp_path / "elsewhere") as cluster,
         pytest.raises(EngineError, match=r"does not see .*elsewhere; choose an output that all"),
     ):
         list(cluster.run(double, [1], 1))
@@ -142,7 +142,7 @@ def test_workers_without_the_resource_are_told(output):
             n_workers=1, threads_per_worker=1, dashboard_address=None, processes=False
         ) as other,
         pytest.raises(EngineError, match="--resources blender=1"),
-        Cluster(other.scheduler_address, 1, 1, Limits(), output),
+        Cluster(other.scheduler_address, 1, 1, WorkerLimits(), output),
     ):
         pass
 
@@ -151,7 +151,7 @@ def test_a_scheduler_that_is_none(output, monkeypatch):
     monkeypatch.setattr("engine.cluster.PATIENCE", 2)
     with (
         pytest.raises(EngineError, match=r"tcp://127.0.0.1:9 does not answer"),
-        Cluster("tcp://127.0.0.1:9", 1, 1, Limits(), output),
+        Cluster("tcp://127.0.0.1:9", 1, 1, WorkerLimits(), output),
     ):
         pass
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.workers import Limits, WorkerDiedError, run
+from engine.workers import WorkerDiedError, WorkerLimits, run
 
 
 def pid(_item: int) -> int:
@@ -161,7 +161,7 @@ def test_a_worker_that_dies_takes_no_other_along(tmp_path):
 def test_what_hangs_is_stopped_with_all_it_started_and_the_others_go_on(tmp_path):
     items = range(4)
     start = time.monotonic()
-    results = dict(run(partial(hang_on_one, tmp_path), items, 2, 1, Limits(seconds=3)))
+    results = dict(run(partial(hang_on_one, tmp_path), items, 2, 1, WorkerLimits(seconds=3)))
     assert time.monotonic() - start < 40
     assert isinstance(results[1], WorkerDiedError)
     assert "longer than 3 s" in str(results[1])
@@ -171,12 +171,12 @@ def test_what_hangs_is_stopped_with_all_it_started_and_the_others_go_on(tmp_path
 
 
 def test_a_worker_is_replaced_after_so_many_items():
-    pids = [result for _, result in run(pid, range(5), 1, 1, Limits(subjects=2))]
+    pids = [result for _, result in run(pid, range(5), 1, 1, WorkerLimits(subjects=2))]
     assert pids[0] == pids[1] != pids[2] == pids[3] != pids[4]
 
 
 def test_a_worker_that_holds_too_much_memory_is_replaced():
-    pids = [r for _, r in run(hold, [1, 1, 600, 1], 1, 1, Limits(megabytes=500))]
+    pids = [r for _, r in run(hold, [1, 1, 600, 1], 1, 1, WorkerLimits(megabytes=500))]
     assert pids[0] == pids[1] == pids[2] != pids[3]
 
 
@@ -188,4 +188,4 @@ def test_workers_have_the_variables_that_are_given():
 @pytest.mark.parametrize("wrong", [{"seconds": 0}, {"subjects": 0}, {"megabytes": -1}])
 def test_limits_that_are_none(wrong):
     with pytest.raises(ValueError, match=f"limits.{next(iter(wrong))}: .*give"):
-        Limits(**wrong)
+        WorkerLimits(**wrong)
