@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 import sys
 from collections.abc import Iterable
@@ -14,6 +13,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from storage.atomic import is_temporary
+from storage.cache import cache_folder
 from storage.files import open_file
 from storage.store import Store, Stored, StoreError, is_url, local_path
 
@@ -26,8 +26,7 @@ FETCHED = ".fetched"
 
 def mirrors() -> Path:
     """The folder that holds all mirrors."""
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(home) / "rectoverso" / "stores"
+    return cache_folder() / "stores"
 
 
 class Mirror:
@@ -75,7 +74,7 @@ class Mirror:
             FileNotFoundError: the store has no such file; none is here then.
             StoreError: it cannot be fetched.
         """
-        file = self.folder / name
+        file = self._here(name)
         if name not in self._sure or not file.is_file():
             try:
                 self._bring(name, self.store.stat(name))
@@ -133,10 +132,13 @@ class Mirror:
                 bar.update(stored.bytes)
         return folder
 
-    def _bring(self, name: str, stored: Stored) -> None:
+    def _here(self, name: str) -> Path:
         if name in (URL, FETCHED):
             raise StoreError(f"{name!r} is a name that mirrors keep to themselves; rename it")
-        file = self.folder / name
+        return self.folder / name
+
+    def _bring(self, name: str, stored: Stored) -> None:
+        file = self._here(name)
         if self._known is None:
             self._known = self._fetched()
         same = stored.token and self._known.get(name) == stored.token and file.is_file()

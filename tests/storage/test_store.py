@@ -95,6 +95,17 @@ def test_no_key_leads_out_of_the_mirror(url, name):
     with pytest.raises(StoreError, match="rename it"):
         mirror.path(name)
     assert not (mirrors() / "evil").exists()
+    assert (mirror.folder / URL).is_file()
+
+
+def test_a_key_that_leads_out_is_not_brought(url):
+    store = Store(url)
+    system, root = store._place()
+    system.pipe_file(f"{root}/a/..\\b", b"evil")
+    with pytest.raises(StoreError, match="rename it"):
+        Mirror(url).bring("a")
+    with pytest.raises(StoreError, match="rename it"):
+        store.read("a/..\\b")
 
 
 def test_only_mirrors_are_believed(url, tmp_path):

@@ -9,7 +9,6 @@ place.
 from __future__ import annotations
 
 import importlib.util
-import os
 import shutil
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from storage.cache import cache_folder
 from subjects.open.base.subdivision import triangles
 
 BODY = "body"
@@ -106,8 +106,7 @@ def bare_body() -> tuple[np.ndarray, np.ndarray]:
 
 def model_cache() -> Path:
     """The folder that keeps the prepared body model; it exists once the model is prepared."""
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(home) / "rectoverso" / f"anny-{version('anny')}"
+    return cache_folder() / f"anny-{version('anny')}"
 
 
 @lru_cache(maxsize=1)
