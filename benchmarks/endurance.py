@@ -3,8 +3,8 @@
     python -m benchmarks.endurance [--subjects 60] [--views 2] [--faces 300000]
 
 Draft humans are cut into so many faces and stand in the folder of scans again and again, under
-other names. One worker makes all subjects, another one renders all shards, as a build's do, never
-replaced. Resident memory is told after each subject.
+other names. One worker takes all of them from the scan to the shard, as a build's do, but is never
+replaced. Resident memory is measured after each subject.
 """
 
 from __future__ import annotations
@@ -14,17 +14,15 @@ import resource
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any
 
 import psutil
+from tqdm import tqdm
 
 from benchmarks.humans import write_humans
 from engine.config import BuildConfig
-from engine.tasks import Task, make_shard, make_subject
+from engine.tasks import Task, make_both
 from engine.workers import cpu_count, run
 from render.cycles import CyclesConfig
 from render.views import ViewsConfig
@@ -41,17 +39,17 @@ MOST_MEGABYTES = 1500
 TEN = 10
 
 
-def measured(function: Callable[[Task], Any], task: Task) -> tuple[float, float, float]:
+def measured(task: Task) -> tuple[float, float, float]:
     """In the worker: seconds, and megabytes that it holds afterwards and held at most."""
     start = time.perf_counter()
-    function(task)
+    make_both(task)
     seconds = time.perf_counter() - start
     held = psutil.Process().memory_info().rss / 1e6
     return seconds, held, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
 def main() -> int:
-    """Print the tables; 1 if a bound is broken, else 0."""
+    """Print the figures; 1 if a bound is broken, else 0."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--subjects", type=int, default=60)
     parser.add_argument("--views", type=int, default=2)
@@ -74,28 +72,21 @@ def main() -> int:
         )
         ids = sorted(source.ids())
         tasks = [Task(s, data, data / "shards" / f"{s}.npz", config, cpu_count()) for s in ids]
-        broken = False
-        print(f"{len(tasks)} subjects of {options.faces} faces, {options.views} views")
-        for stage, function in (("subjects", make_subject), ("render", make_shard)):
-            rows = []
-            for task, row in run(partial(measured, function), tasks, 1, cpu_count()):
-                if isinstance(row, BaseException):
-                    raise row
-                rows.append(row)
-                task.shard.unlink(missing_ok=True)
-                print(f"\r  {stage} {len(rows)}", end="", file=sys.stderr)
-            print(file=sys.stderr)
-            seconds, held, most = zip(*rows, strict=True)
-            growth = held[-1] / held[TEN - 1]
-            slower = median(seconds[-TEN:]) / median(seconds[:TEN])
-            print(
-                f"{stage:9} after subject {TEN}: {held[TEN - 1]:.0f} MB, after the last: "
-                f"{held[-1]:.0f} MB ({growth:.3f}), at most {most[-1]:.0f} MB; seconds of the "
-                f"first ten {median(seconds[:TEN]):.2f}, of the last ten "
-                f"{median(seconds[-TEN:]):.2f} ({slower:.2f})"
-            )
-            broken |= growth > LARGEST_GROWTH or most[-1] > MOST_MEGABYTES
-    return int(broken)
+        print(f"{len(tasks)} subjects of {options.faces} faces, {options.views} views", flush=True)
+        rows = []
+        for task, row in tqdm(run(measured, tasks, 1, cpu_count()), total=len(tasks)):
+            if isinstance(row, BaseException):
+                raise row
+            rows.append(row)
+            task.shard.unlink()
+    seconds, held, most = zip(*rows, strict=True)
+    growth = held[-1] / held[TEN - 1]
+    first, last = median(seconds[:TEN]), median(seconds[-TEN:])
+    print(f"memory after subject {TEN} {held[TEN - 1]:.0f} MB, after the last {held[-1]:.0f} MB")
+    print(f"ratio {growth:.3f} (at most {LARGEST_GROWTH})")
+    print(f"memory at most {most[-1]:.0f} MB (at most {MOST_MEGABYTES})")
+    print(f"a subject of the first ten {first:.2f} s, of the last {last:.2f} s: {last / first:.2f}")
+    return int(growth > LARGEST_GROWTH or most[-1] > MOST_MEGABYTES)
 
 
 if __name__ == "__main__":
