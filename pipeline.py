@@ -354,7 +354,7 @@ def _build(parser: ArgumentParser, parsed: Any) -> int:
         means = _means(made)
         writer = open_build(config, record, given["output"])
     _on_interrupt(signal.default_int_handler)
-    with writer, _users_errors((EngineError, StoreError)):
+    with _users_errors((EngineError, StoreError)), writer:
         return DONE if build(config, writer, means) else FAILURES
 
 

@@ -20,7 +20,7 @@ from engine.tasks import (
     versions,
 )
 from shards.dataset import SHARDS, SUBJECTS, DatasetWriter
-from storage.mirror import Mirror
+from storage.mirror import Mirror, builds
 from storage.store import StoreError, is_url, local_path
 
 
@@ -36,7 +36,7 @@ def open_build(config: BuildConfig, record: dict[str, Any], output: str) -> Data
             holds or disturbs something else.
         StoreError: the store cannot be had.
     """
-    mirror = Mirror(output) if is_url(output) else None
+    mirror = Mirror(output, builds()) if is_url(output) else None
     folder = local_path(output) if mirror is None else mirror.folder
     config.subjects.refuse_output(folder)
     planned = config.subjects.ids()

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import platform
+import shutil
 import socket
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -21,7 +23,15 @@ import distributed
 from distributed.scheduler import KilledWorker
 
 from engine.scratch import scratch_folder, temporary_in
-from engine.workers import MAX_DEATHS, EngineError, Worker, WorkerDiedError, WorkerLimits, death
+from engine.workers import (
+    MAX_DEATHS,
+    EngineError,
+    Worker,
+    WorkerDiedError,
+    WorkerLimits,
+    death,
+    no_interrupt,
+)
 from shards.lock import LOCK
 
 Item = TypeVar("Item")
@@ -38,7 +48,13 @@ AHEAD = 2
 _LOOK = 0.5
 """Seconds between two looks at whether a task is still wanted."""
 
-_PACKAGES = ("anny", "bpy", "numpy", "openexr", "rectoverso", "scipy", "torch", "trimesh")
+_IDLE = 60
+"""Seconds without a task after which the process of a Dask worker ends."""
+
+_PACKAGES = (
+    *("anny", "bpy", "libigl", "numpy", "openexr", "pillow", "rectoverso", "scipy", "smplx"),
+    *("torch", "trimesh"),
+)
 
 
 class Cluster:
@@ -102,15 +118,16 @@ class Cluster:
         if address is None:
             scratch = self._open.enter_context(scratch_folder(self._output))
             self._open.enter_context(dask.config.set({"temporary-directory": str(scratch)}))
-            address = self._open.enter_context(
-                distributed.LocalCluster(
-                    n_workers=self.workers,
-                    threads_per_worker=self.threads,
-                    resources={RESOURCE: 1},
-                    dashboard_address=None,
-                    silence_logs=logging.CRITICAL,
+            with no_interrupt():  # nor ever in its workers, which a terminal's Ctrl-C goes to too
+                address = self._open.enter_context(
+                    distributed.LocalCluster(
+                        n_workers=self.workers,
+                        threads_per_worker=self.threads,
+                        resources={RESOURCE: 1},
+                        dashboard_address=None,
+                        silence_logs=logging.CRITICAL,
+                    )
                 )
-            )
         try:
             self._client = self._open.enter_context(
                 distributed.Client(address, timeout=PATIENCE, set_as_default=False)
@@ -131,8 +148,10 @@ class Cluster:
         self.threads = min(worker["nthreads"] for worker in ours)
 
     def _ours(self) -> list[dict[str, Any]]:
-        workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
-        return [worker for worker in workers if worker.get("resources", {}).get(RESOURCE)]
+        known = self._client.scheduler_info(n_workers=-1).get("workers")
+        if known is None:
+            raise EngineError("the scheduler is gone; start it and run the same command again")
+        return [one for one in known.values() if one.get("resources", {}).get(RESOURCE)]
 
     def run(
         self, function: Callable[[Item], Any], items: list[Item], threads: int
@@ -143,15 +162,16 @@ class Cluster:
             EngineError: a worker has other packages, or does not see the output; the scheduler is
                 gone.
         """
-        left = iter(items)
+        left = deque(items)
         given: dict[distributed.Future, Item] = {}
+        blamed: list[Item] = []
         seen = self._output if self._shared else None
         serve = Serve(function, threads, self._limits, seen, installed())
 
         def submit(count: int) -> list[distributed.Future]:
             new = {
                 self._client.submit(serve, item, pure=False, resources={RESOURCE: 1}): item
-                for item in islice(left, count)
+                for item in (left.popleft() for _ in range(min(count, len(left))))
             }
             given.update(new)
             return list(new)
@@ -160,7 +180,13 @@ class Cluster:
             done = distributed.as_completed(submit(AHEAD * self.workers), loop=self._client.loop)
             for future in done:
                 item = given.pop(future)
-                yield item, _result(future)
+                result = _result(future)
+                # Dask blames all that a lost worker was given, what only waited there as well.
+                if isinstance(result, WorkersLostError) and blamed.count(item) < MAX_DEATHS - 1:
+                    blamed.append(item)
+                    left.append(item)
+                else:
+                    yield item, result
                 self.workers = max(1, len(self._ours()))
                 # Fewer than were given already, where a worker was lost.
                 done.update(submit(max(0, AHEAD * self.workers - len(given))))
@@ -168,12 +194,16 @@ class Cluster:
             self._client.cancel(list(given), force=True)
 
 
+class WorkersLostError(WorkerDiedError):
+    """A task that had several Dask workers, each of which was lost."""
+
+
 def _result(future: distributed.Future) -> Any:
     """What a task returned; what it raised, it did as one of Dask's."""
     try:
         return future.result()
     except KilledWorker as error:
-        return WorkerDiedError(f"its Dask workers were lost, one after the other ({error})")
+        return WorkersLostError(f"its Dask workers were lost, one after the other ({error})")
     except CancelledError as error:
         raise EngineError(
             "the scheduler forgot what it was given, as one that is started anew does; "
@@ -183,8 +213,8 @@ def _result(future: distributed.Future) -> Any:
 
 @cache
 def installed() -> dict[str, str | None]:
-    """What bytes depend on, as it is installed here: package -> version, None where it is not."""
-    found: dict[str, str | None] = {}
+    """What bytes depend on, as it is here: name -> version, None where it is not installed."""
+    found: dict[str, str | None] = {"python": platform.python_version()}
     for name in _PACKAGES:
         try:
             found[name] = version(name)
@@ -232,11 +262,16 @@ class Serve:
                 wait([future], timeout=min(_LOOK, worker.seconds_left))
                 if not _wanted():
                     worker.end()
+                    self._clear()
                     return None
             try:
-                return worker.result()
+                result = worker.result()
             except BrokenProcessPool:
+                self._clear()
                 continue
+            if isinstance(result, WorkerDiedError):  # it took too long
+                self._clear()
+            return result
         return death(f"on {socket.gethostname()} ")
 
     def _check(self) -> None:
@@ -264,9 +299,21 @@ class Serve:
             # A Dask worker is a daemon, which may have no children: they could outlive it. Ours
             # watch their parent and do not.
             multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
-            places = temporary_in(Path(distributed.get_worker().local_directory))
-            Serve._held = key, Worker(self.function, self.threads, self.limits, places)
+            place = self._place()
+            place.mkdir(exist_ok=True)
+            places = temporary_in(place)
+            Serve._held = key, Worker(self.function, self.threads, self.limits, places, _IDLE)
         return Serve._held[1]
+
+    def _clear(self) -> None:
+        """Remove what a process that was killed left behind."""
+        shutil.rmtree(self._place(), ignore_errors=True)
+        self._place().mkdir(exist_ok=True)
+
+    @staticmethod
+    def _place() -> Path:
+        """Where the process has its temporary files."""
+        return Path(distributed.get_worker().local_directory) / "rectoverso"
 
 
 def _wanted() -> bool:

@@ -51,6 +51,10 @@ class Means:
     def __post_init__(self) -> None:
         if self.scheduler is not None and self.engine != "dask":
             raise ValueError(f"scheduler: {self.scheduler} is for --engine dask; add it")
+        if self.scheduler is not None and self.jobs is not None:
+            raise ValueError(
+                f"jobs: {self.jobs} is for this machine's workers; {self.scheduler} has its own"
+            )
 
     @contextmanager
     def open(self, tasks: int, output: Path, shared: bool = True) -> Iterator[Engine]:

@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
@@ -177,6 +177,7 @@ class Sweep:
                 {power: self.writers[power].shard_path(subject).resolve() for power in powers},
                 versions,
                 threads,
+                self.base.url,
             )
             for subject, powers in self.lacking.items()
         ]
@@ -277,6 +278,7 @@ class SweepTask:
         powers: watts -> the file to make.
         versions: what makes the shards.
         threads: threads of the CPU that the task may use.
+        store: the URL that the base lies at, or None; `base` is a mirror of it then, here.
     """
 
     subject: str
@@ -288,6 +290,7 @@ class SweepTask:
     powers: dict[float, Path]
     versions: dict[str, str]
     threads: int
+    store: str | None = None
 
 
 def sweep(work: Sweep, means: Means) -> bool:
@@ -339,10 +342,11 @@ def _count(number: int, noun: str) -> str:
 def light_subject(task: SweepTask) -> dict[float, ShardResult]:
     """Photograph one subject under every power that lacks it; each shard appears whole."""
     start = time.monotonic()
-    mirror = Mirror.of(task.base)
-    if mirror is not None:
+    if task.store is not None:  # perhaps on another machine, with a mirror of its own
+        mirror = Mirror(task.store)
         mirror.path(task.shard)
         mirror.bring(f"{SUBJECTS}/{task.subject}")
+        task = replace(task, base=mirror.folder)
     path = task.base / task.shard
     if not path.is_file() or file_sha256(path) != task.sha256:
         raise ShardError(f"{path} is not the file that the manifest lists; build it again")

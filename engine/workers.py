@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -55,7 +56,7 @@ class WorkerLimits:
     """A worker that holds more memory than this after a subject is replaced; null: never."""
 
     def __post_init__(self) -> None:
-        if self.seconds is not None and not 0 < self.seconds < float("inf"):
+        if self.seconds is not None and not 0 < self.seconds < threading.TIMEOUT_MAX:
             raise ValueError(f"limits.seconds: {self.seconds}; give seconds, such as 3600, or null")
         for name in ("subjects", "megabytes"):
             given = getattr(self, name)
@@ -81,7 +82,8 @@ def run(
 ) -> Iterator[tuple[Item, Any]]:
     """Call `function` on every item in `jobs` fresh processes; yield (item, result) as they end.
 
-    An exception is a result too: it is yielded, not raised. An item whose worker dies is tried once
+    An exception is a result too: it is yielded, not raised. An item whose worker dies, or for which
+    it has not the memory, is tried once
     more, after all others and alone, for it may have been the memory of both that was too much; one
     that kills its worker twice, or takes too long, yields WorkerDiedError. No worker's end touches
     what the others are at. Leaving the iterator early kills the workers.
@@ -142,12 +144,14 @@ class Worker(Generic[Item]):
         threads: threads that numerical libraries may use in it.
         limits: of the process.
         environment: variables that it has besides.
+        idle: seconds without an item after which it ends by itself; None: never.
     """
 
     function: Callable[[Item], Any]
     threads: int
     limits: WorkerLimits = NO_LIMITS
     environment: Mapping[str, str] | None = None
+    idle: int | None = None
     _pool: ProcessPoolExecutor | None = field(default=None, init=False)
     _future: Future[Any] | None = field(default=None, init=False)
     _begun: float = field(default=0.0, init=False)
@@ -168,7 +172,7 @@ class Worker(Generic[Item]):
     def submit(self, item: Item) -> Future[Any]:
         """Begin with an item; the future says when, and no more: `result` is to be asked."""
         assert self._future is None
-        with _no_interrupt():
+        with no_interrupt():
             try:
                 self._future = self._started().submit(_serve, self.function, item)
             except BrokenProcessPool:  # it died while it had nothing to do
@@ -184,7 +188,7 @@ class Worker(Generic[Item]):
             What the function returned or raised, or WorkerDiedError where it took too long.
 
         Raises:
-            BrokenProcessPool: the process died.
+            BrokenProcessPool: the process died, or had not the memory.
         """
         assert self._future is not None
         future, self._future = self._future, None
@@ -199,12 +203,17 @@ class Worker(Generic[Item]):
             self.end()
             raise error
         self._served += 1
-        result, megabytes = (error, 0.0) if error is not None else future.result()
+        served = _Served(error, "", 0.0) if error is not None else future.result()
+        if isinstance(served.result, MemoryError):
+            self.end()
+            raise BrokenProcessPool from served.result
+        if served.trace:
+            served.result.__cause__ = _RemoteError(f"\n{served.trace}")
         if (self.limits.subjects is not None and self._served >= self.limits.subjects) or (
-            self.limits.megabytes is not None and megabytes > self.limits.megabytes
+            self.limits.megabytes is not None and served.megabytes > self.limits.megabytes
         ):
             self.end()
-        return result
+        return served.result
 
     def end(self) -> None:
         """Kill the process and all that it started."""
@@ -218,7 +227,7 @@ class Worker(Generic[Item]):
             threads = {name: str(self.threads) for name in (*names, "NUMEXPR_NUM_THREADS")}
             self._pool = ProcessPoolExecutor(
                 max_workers=1,
-                timeout=None,
+                timeout=self.idle,
                 initializer=_start,
                 initargs=(os.getpid(),),
                 env={**threads, **(self.environment or {})},
@@ -226,10 +235,28 @@ class Worker(Generic[Item]):
         return self._pool
 
 
-def _serve(function: Callable[[Item], Any], item: Item) -> tuple[Any, float]:
-    """In the worker: the function's result, and the megabytes that the process holds then."""
-    result = function(item)
-    return result, psutil.Process().memory_info().rss / 1e6
+class _RemoteError(Exception):
+    """Where in a worker an exception came from, as text: tracebacks stay in their process."""
+
+
+@dataclass(frozen=True)
+class _Served:
+    """What a worker tells of an item: what came of it, whence if it was raised, and the megabytes
+    that the process holds now."""
+
+    result: Any
+    trace: str
+    megabytes: float
+
+
+def _serve(function: Callable[[Item], Any], item: Item) -> _Served:
+    """In the worker."""
+    trace = ""
+    try:
+        result = function(item)
+    except Exception as error:
+        result, trace = error, traceback.format_exc()
+    return _Served(result, trace, psutil.Process().memory_info().rss / 1e6)
 
 
 def remove_semaphores(process: int) -> None:
@@ -241,7 +268,7 @@ def remove_semaphores(process: int) -> None:
 
 
 @contextmanager
-def _no_interrupt() -> Iterator[None]:
+def no_interrupt() -> Iterator[None]:
     """Ctrl-C waits, and processes that are started never hear it: they are the parent's to end."""
     # Whoever starts one of these lets signals through again.
     for tracker in (resource_tracker, loky_resource_tracker):

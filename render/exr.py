@@ -20,5 +20,5 @@ def read_channels(path: Path) -> dict[str, np.ndarray]:
                 name.split(".", 1)[1]: np.array(channel.pixels)
                 for name, channel in file.channels().items()
             }
-    except RuntimeError as error:
+    except (RuntimeError, ValueError) as error:
         raise OSError(f"{path}: cannot be read as EXR ({error})") from error

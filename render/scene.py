@@ -5,6 +5,9 @@ The only file that builds anything in Blender; imported in worker processes alon
 
 from __future__ import annotations
 
+import errno
+import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +27,9 @@ VERTEX_COLOR = "vertex_color"
 LAMP_WATTS = 64.0
 """Of the lamp that colour is rendered under. About as bright as images are shown, which is what
 Cycles' noise level is told in; a power of two, so that light per watt is exact."""
+
+_LARGEST_EXR = 2**23
+"""Bytes of an image of all channels, and more."""
 
 
 class Surface:
@@ -150,6 +156,9 @@ class Scene:
 
         Returns:
             `pass.channel` to (rows, columns) float32.
+
+        Raises:
+            OSError: there is no room for the EXR.
         """
         to_world = self.camera.to_world(yaw, back)
         self._eye.matrix_world = mathutils.Matrix(to_world)
@@ -160,9 +169,14 @@ class Scene:
         self._set_border(*rectangle)
         path = folder / f"{self.name}.exr"
         self._scene.render.filepath = str(path)
-        bpy.ops.render.render(write_still=True, scene=self._scene.name)
         try:
+            bpy.ops.render.render(write_still=True, scene=self._scene.name)
             return read_channels(path)
+        except (OSError, RuntimeError) as error:
+            # Neither Blender nor OpenEXR tells why it could not.
+            if shutil.disk_usage(folder).free < _LARGEST_EXR:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder)) from error
+            raise
         finally:
             path.unlink(missing_ok=True)
 

@@ -35,7 +35,7 @@ from shards.sweep import is_sweep
 from storage.atomic import atomic_write, is_temporary, remove_temporary_files
 from storage.files import open_file
 from storage.mirror import Mirror
-from storage.store import is_url, local_path
+from storage.store import StoreError, is_url, local_path
 
 DOCUMENT = "dataset.json"
 MANIFEST = "manifest.jsonl"
@@ -140,10 +140,18 @@ class DatasetWriter:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except StoreError:
+            if error is None:  # what ended the block is told, and not what came of it
+                raise
 
     def close(self) -> None:
-        """Let other builds have the folder."""
+        """Let other builds have the folder.
+
+        Raises:
+            StoreError: the store did not take the list of the last shards.
+        """
         try:
             if self._unlisted:
                 self._list()
@@ -224,8 +232,9 @@ class DatasetWriter:
         )
         self._list()
         self._write_descriptions()
-        for folder in (self.folder, self.folder / SHARDS):
-            remove_temporary_files(folder)
+        for folder in (self.folder, self.folder / SHARDS, self.folder / SUBJECTS):
+            if folder.is_dir():
+                remove_temporary_files(folder)
 
     def _list(self) -> None:
         """Tell the store which shards there are, and what failed."""
@@ -434,6 +443,11 @@ class Dataset:
             DatasetError: there is none, or it cannot be read.
         """
         return Dataset(self.folder / BASE)
+
+    @property
+    def url(self) -> str | None:
+        """Where it lies, if that is a store."""
+        return None if self._mirror is None else self._mirror.store.url
 
     @property
     def config(self) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from storage.atomic import is_temporary
+from storage.atomic import atomic_write, is_temporary
 from storage.cache import cache_folder
 from storage.files import open_file
 from storage.store import Store, Stored, StoreError, is_url, local_path
@@ -25,8 +25,13 @@ FETCHED = ".fetched"
 
 
 def mirrors() -> Path:
-    """The folder that holds all mirrors."""
+    """The folder that holds the mirrors of those who read."""
     return cache_folder() / "stores"
+
+
+def builds() -> Path:
+    """The folder that holds the mirrors of those who write, which no reader touches."""
+    return cache_folder() / "builds"
 
 
 class Mirror:
@@ -36,22 +41,25 @@ class Mirror:
 
     Attributes:
         store: what is mirrored.
-        folder: where; the same for every process of a user that mirrors this URL.
+        folder: where; the same for every process of a user that mirrors this URL there.
 
     Args:
         url: as `Store` takes it.
+        place: the folder that it lies in; None for that of `mirrors`.
 
     Raises:
         StoreError: nothing that is installed knows such a URL.
     """
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, place: Path | None = None) -> None:
         self.store = Store(url)
         name = re.sub(r"[^A-Za-z0-9]+", "-", self.store.url)[-60:].strip("-")
         digest = hashlib.sha256(self.store.url.encode()).hexdigest()[:12]
-        self.folder = mirrors() / f"{name}-{digest}"
+        self.folder = (place or mirrors()) / f"{name}-{digest}"
         self.folder.mkdir(parents=True, exist_ok=True)
-        (self.folder / URL).write_text(self.store.url)
+        if not (self.folder / URL).is_file():
+            with atomic_write(self.folder / URL) as file:
+                file.write(self.store.url.encode())
         self._known: dict[str, str] | None = None
         self._sure: set[str] = set()
 

@@ -132,7 +132,8 @@ class Store:
             root = self._place()[1].rstrip("/")
             for full, info in system.find(path, detail=True).items():
                 name = str(full).removeprefix(root).removeprefix("/")
-                if name and info["type"] == "file":
+                # Some stores have a file of no bytes for a folder: "scans/".
+                if name and info["type"] == "file" and not name.endswith("/"):
                     found[self._below(name)] = _stored(info)
         return dict(sorted(found.items()))
 
@@ -146,8 +147,8 @@ class Store:
                     f"{self.url}: stores need fsspec; pip install 'rectoverso[stores]'"
                 ) from None
             try:
-                system, root = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
-            except (ImportError, ValueError) as error:
+                system, root = fsspec.core.url_to_fs(self.url)
+            except Exception as error:  # every store brings exceptions of its own
                 raise StoreError(f"{self.url}: {_line(error)}") from error
             self._open = os.getpid(), system, root
         return self._open[1:]
@@ -157,6 +158,7 @@ class Store:
         """The file system and a file's path in it, whose errors become a StoreError."""
         system, root = self._place()
         try:
+            system.invalidate_cache()  # what others did meanwhile counts
             yield system, f"{root.rstrip('/')}/{self._below(name)}" if name else root
         except (FileNotFoundError, StoreError):
             raise

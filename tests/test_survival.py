@@ -132,21 +132,31 @@ def output(tmp_path) -> Iterator[Path]:
     assert semaphores() == []
 
 
-def kill(process: subprocess.Popen[str], victim: str, rng: np.random.Generator) -> None:
-    """SIGKILL to a build's parent, to one of its workers, or to all at once."""
+def workers(session: int) -> list[psutil.Process]:
+    """A build's worker processes."""
+    return [p for p in members(session) if "popen_loky" in " ".join(p.cmdline())]
+
+
+def kill(process: subprocess.Popen[str], victim: str, rng: np.random.Generator) -> bool:
+    """SIGKILL to a build's parent, to one of its workers, or to all at once; whether there was one.
+
+    Those that only begin to start count as well.
+    """
     if victim == "all":
         os.killpg(process.pid, signal.SIGKILL)
     elif victim == "parent":
         process.kill()
     else:
-        workers = [p for p in members(process.pid) if "popen_loky" in " ".join(p.cmdline())]
-        if workers:
-            workers[rng.integers(len(workers))].kill()
+        found = workers(process.pid)
+        if not found:
+            return False
+        found[rng.integers(len(found))].kill()
+    return True
 
 
 def test_killed_25_times_it_ends_in_the_same_bytes(config, undisturbed, output):
     rng = np.random.default_rng(0)
-    kills = interrupted = 0
+    kills = 0
     while kills < KILLS:
         process = start(config, output, "--jobs", 2)
         victim = ""
@@ -155,9 +165,7 @@ def test_killed_25_times_it_ends_in_the_same_bytes(config, undisturbed, output):
             if process.poll() is not None:
                 break
             victim = ("parent", "worker", "all")[kills % 3]
-            kill(process, victim, rng)
-            kills += 1
-            interrupted += victim != "worker"
+            kills += kill(process, victim, rng)
         # One whose workers alone were killed goes on, and sets aside what died twice.
         status, said = finish(process)
         wait_until_gone(process.pid)
@@ -165,7 +173,6 @@ def test_killed_25_times_it_ends_in_the_same_bytes(config, undisturbed, output):
         if status == 0 and kills < KILLS:  # it was too fast for the next kill: from the beginning
             assert contents(output) == undisturbed
             shutil.rmtree(output)
-    assert interrupted > KILLS // 2
     status, said = finish(start(config, output, "--jobs", 2))
     assert status == 0, said
     assert contents(output) == undisturbed
@@ -181,7 +188,7 @@ def test_on_dask_whose_workers_are_killed_it_ends_in_the_same_bytes(config, undi
     while killed < DASK_KILLS and process.poll() is None:
         assert time.monotonic() < deadline
         # A Dask worker is the parent of the process in which Blender runs.
-        served = [p for p in members(process.pid) if "popen_loky" in " ".join(p.cmdline())]
+        served = workers(process.pid)
         shards = len(list(output.glob("shards/*.npz")))
         if served and shards >= killed:
             try:
@@ -195,6 +202,25 @@ def test_on_dask_whose_workers_are_killed_it_ends_in_the_same_bytes(config, undi
     assert status == 0, said
     wait_until_gone(process.pid)
     assert contents(output) == undisturbed
+
+
+def test_ctrl_c_in_a_terminal_ends_dask_in_one_line(config, output):
+    """There it goes to all processes at once, the scheduler's and the workers' too."""
+    pytest.importorskip("distributed")
+    process = start(config, output, "--engine", "dask", "--jobs", 2)
+    deadline = time.monotonic() + 120
+    while not workers(process.pid):
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.05)
+    time.sleep(1)
+    os.killpg(process.pid, signal.SIGINT)
+    begun = time.monotonic()
+    status, said = finish(process)
+    assert status == 130, said
+    assert "Traceback" not in said
+    assert time.monotonic() - begun < 20
+    wait_until_gone(process.pid)
 
 
 def test_a_subject_that_takes_too_long_is_set_aside(config, output):
@@ -254,6 +280,18 @@ def test_a_full_disk_stops_it_and_room_lets_it_go_on(config, undisturbed, small_
     status, said = finish(start(config, output, "--jobs", 2))
     assert status == 0, said
     assert contents(output) == undisturbed
+
+
+def test_a_full_disk_of_temporary_files_stops_it_too(config, small_disk, tmp_path):
+    remount(small_disk, "size=300k")
+    output = tmp_path / "beside" / "data"
+    output.parent.mkdir()
+    (output.parent / "tmp").symlink_to(small_disk)
+    status, said = finish(start(config, output, "--jobs", 2))
+    assert status == 1, said
+    assert "No space left" in said
+    assert "Traceback" not in said
+    assert not (output / "failures.jsonl").read_text()
 
 
 def test_a_disk_that_cannot_be_written_is_one_line(config, small_disk):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import socket
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -322,7 +323,11 @@ class Scans(Source):
     def _root(self) -> Path:
         root = local_folder(self.root)
         if not root.is_dir():
-            raise ValueError(f"subjects.root: '{root}' is no folder; give the scans' folder")
+            # A MeshError: of the subject, where a worker on another machine does not see it.
+            raise MeshError(
+                f"subjects.root: '{root}' is no folder on {socket.gethostname()}; "
+                "give the scans' folder"
+            )
         return root
 
     @cached_property

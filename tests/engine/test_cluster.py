@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -12,10 +13,14 @@ from pathlib import Path
 import distributed
 import pytest
 
-from engine.cluster import RESOURCE, Cluster
+from engine.cluster import RESOURCE, Cluster, installed
+from engine.config import BuildConfig
 from engine.engines import Means
+from engine.tasks import versions
 from engine.workers import EngineError, WorkerDiedError, WorkerLimits
 from shards.lock import LOCK
+from subjects.open import OpenHumans
+from subjects.scans import Scans
 
 HERE = Path(__file__).parent
 
@@ -43,6 +48,13 @@ def take_the_workers_along(folder: Path, item: int) -> int:
         os.kill(os.getppid(), signal.SIGKILL)
         time.sleep(60)
     return 10 * item
+
+
+def write_and_sleep(folder: Path, item: int) -> None:
+    """Leave a temporary file behind, and tell in `folder` which."""
+    with tempfile.NamedTemporaryFile(delete=False) as file:
+        (folder / str(item)).write_text(file.name)
+    time.sleep(120)
 
 
 def sleep_long(folder: Path, item: int) -> None:
@@ -134,6 +146,41 @@ def test_workers_that_do_not_see_the_output_are_named(scheduler, tmp_path):
         pytest.raises(EngineError, match=r"does not see .*elsewhere; choose an output that all"),
     ):
         list(cluster.run(double, [1], 1))
+
+
+SOURCES = [OpenHumans(count=1), Scans("nowhere", licence="CC0-1.0", up="y", front="z", unit="m")]
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_all_that_a_shard_s_bytes_depend_on_is_compared(source):
+    assert versions(BuildConfig(subjects=source)).keys() <= installed().keys()
+
+
+def test_what_was_stopped_leaves_no_file(scheduler, output, tmp_path):
+    with Cluster(scheduler, 1, 1, WorkerLimits(seconds=10), output) as cluster:
+        ((_, result),) = cluster.run(partial(write_and_sleep, tmp_path), [0], 1)
+    assert isinstance(result, WorkerDiedError)
+    (file,) = tmp_path.iterdir()
+    assert not Path(file.read_text()).exists()
+
+
+@pytest.mark.parametrize("pause", [0, 3])
+def test_a_scheduler_that_goes_is_told(output, pause, monkeypatch):
+    """While results are waited for, and while one is looked at."""
+    monkeypatch.setattr("engine.cluster.PATIENCE", 10)
+    alone = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, resources={RESOURCE: 1}, dashboard_address=None
+    )
+
+    def look() -> None:
+        with Cluster(alone.scheduler_address, 1, 1, WorkerLimits(), output) as cluster:
+            for item, _ in cluster.run(time.sleep, [0, 0.1, 0.2, 0.3, 1, 1, 1], 1):
+                if item == 0.1:
+                    alone.close()
+                    time.sleep(pause)
+
+    with pytest.raises(EngineError, match="run the same command again"):
+        look()
 
 
 def test_workers_without_the_resource_are_told(output):

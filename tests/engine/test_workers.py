@@ -84,6 +84,21 @@ def hold(megabytes: int) -> int:
     return os.getpid()
 
 
+def fail_holding(megabytes: int) -> None:
+    """As `hold`, and raise where the process is told."""
+    hold(megabytes)
+    raise ValueError(os.getpid())
+
+
+def want_too_much(folder: Path, item: str) -> str:
+    """More memory than there is: "always" each time, "once" the first time."""
+    mark = folder / item
+    if item == "always" or (item == "once" and not mark.exists()):
+        mark.touch()
+        bytearray(1 << 60)
+    return item.upper()
+
+
 def variable(name: str) -> str | None:
     return os.environ.get(name)
 
@@ -178,6 +193,21 @@ def test_a_worker_is_replaced_after_so_many_items():
 def test_a_worker_that_holds_too_much_memory_is_replaced():
     pids = [r for _, r in run(hold, [1, 1, 600, 1], 1, 1, WorkerLimits(megabytes=500))]
     assert pids[0] == pids[1] == pids[2] != pids[3]
+
+
+def test_a_worker_that_holds_too_much_after_a_failure_is_replaced_too():
+    limits = WorkerLimits(megabytes=500)
+    results = [result for _, result in run(fail_holding, [600, 600, 1, 1], 1, 1, limits)]
+    assert all(isinstance(result, ValueError) for result in results)
+    assert len({str(result) for result in results}) == 3
+    assert "in fail_holding" in str(results[0].__cause__)
+
+
+def test_what_has_not_the_memory_is_tried_once_more(tmp_path):
+    items = ["a", "always", "once", "b"]
+    results = dict(run(partial(want_too_much, tmp_path), items, 2, 1))
+    assert isinstance(results.pop("always"), WorkerDiedError)
+    assert results == {"a": "A", "once": "ONCE", "b": "B"}
 
 
 def test_workers_have_the_variables_that_are_given():

@@ -11,8 +11,8 @@ from shards.archive import write_shard
 from shards.dataset import Dataset, DatasetWriter
 from shards.manifest import DatasetError
 from shards.verify import verify
-from storage.mirror import Mirror
-from storage.store import Store
+from storage.mirror import Mirror, builds
+from storage.store import Store, StoreError
 
 
 @pytest.fixture
@@ -21,10 +21,10 @@ def url(monkeypatch, tmp_path):
     return f"memory://{uuid.uuid4().hex}/people"
 
 
-def writer(url, meta, config=None):
-    mirror = Mirror(url)
+def writer(url, meta, config=None, planned=("box",)):
+    mirror = Mirror(url, builds())
     return DatasetWriter(
-        mirror.folder, config or {"a": 1}, ["box"], 7, meta["versions"], mirror=mirror
+        mirror.folder, config or {"a": 1}, planned, 7, meta["versions"], mirror=mirror
     )
 
 
@@ -104,3 +104,29 @@ def test_damage_is_found(url, tmp_path, arrays, meta, surfaces):
 def test_what_is_no_dataset_is_told_by_its_url(url):
     with pytest.raises(DatasetError, match=f"^{url} holds no dataset.json"):
         Dataset(url)
+
+
+def test_who_reads_meanwhile_takes_nothing_from_the_list(url, meta):
+    entered = (3, "0" * 64, 2, 1.0, "CC0-1.0")
+    with writer(url, meta, planned=("ball", "box")) as made:
+        made.add("ball", *entered)
+        assert Dataset(url).subjects() == []  # not told yet
+        made.add("box", *entered)
+    assert Dataset(url).subjects() == ["ball", "box"]
+
+
+def test_what_ended_a_build_is_told_and_not_the_store_that_went_with_it(url, meta, monkeypatch):
+    def gone(store, file, name):
+        raise StoreError("gone")
+
+    def build(end: type[BaseException] | None) -> None:
+        with writer(url, meta) as made:
+            made.add("box", 3, "0" * 64, 2, 1.0, "CC0-1.0")
+            monkeypatch.setattr(Store, "put", gone)
+            if end is not None:
+                raise end
+
+    with pytest.raises(KeyboardInterrupt):
+        build(KeyboardInterrupt)
+    with pytest.raises(StoreError, match="gone"):
+        build(None)

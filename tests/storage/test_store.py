@@ -108,6 +108,25 @@ def test_a_key_that_leads_out_is_not_brought(url):
         store.read("a/..\\b")
 
 
+def test_a_folder_that_is_a_file_of_no_bytes_is_none(url):
+    store = Store(url)
+    store.write("a/b", b"one")
+    system, root = store._place()
+    system.store[f"{root}/a/c/"] = type(system.store[f"{root}/a/b"])(system, f"{root}/a/c/")
+    assert f"{root}/a/c/" in system.find(root)
+    assert list(store.files()) == ["a/b"]
+
+
+def test_what_a_mirror_is_of_can_be_read_at_any_time(url):
+    """Another process that opens the same mirror does not empty the file that says so."""
+    mirror = Mirror(url)
+    before = (mirror.folder / URL).stat().st_ino
+    with (mirror.folder / URL).open() as held:
+        Mirror(url)
+        assert held.read() == url
+    assert (mirror.folder / URL).stat().st_ino == before
+
+
 def test_only_mirrors_are_believed(url, tmp_path):
     Store(url).write("a", b"one")
     mirror = Mirror(url)
