@@ -392,7 +392,8 @@ def _verify(parser: ArgumentParser, parsed: Any) -> int:
     _on_interrupt(signal.default_int_handler)
     report = verify(folder, progress.step)
     progress.close()
-    print(report.table())
+    # What is wrong is told of the place that was given, and not of the copy of it here.
+    print(report.table().replace(str(folder), parsed.verify.data.rstrip("/")))
     return DONE if report.ok else FAILURES
 
 

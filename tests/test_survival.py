@@ -17,6 +17,7 @@ import psutil
 import pytest
 import yaml
 
+from shards.lock import LOCK
 from tests.lumpy import write_lumpy
 
 ROOT = Path(__file__).parents[1]
@@ -329,22 +330,23 @@ def bucket(tmp_path, monkeypatch):
 
 def test_a_store_is_as_good_as_a_folder(bucket, tmp_path):
     """Scans and dataset in S3, a killed build, a new machine: the bytes of a build in a folder."""
-    from shards.verify import verify
+    from shards.verify import verify, verify_sweep
     from storage.store import Store
 
     config = write_scans(tmp_path, 3)
     folder = tmp_path / "folder"
     assert finish(start(config, folder))[0] == 0
+    expected = contents(folder)
     scans = Store(f"{bucket}/scans")
     for scan in (tmp_path / "scans").iterdir():
         scans.put(scan, scan.name)
     shutil.rmtree(tmp_path / "scans")
 
-    def build() -> subprocess.Popen[str]:
+    def build(*options: str) -> subprocess.Popen[str]:
         command = [sys.executable, str(ROOT / "pipeline.py"), "build", "--config", str(config)]
         command += ["--output", f"{bucket}/data", "--subjects.root", f"{bucket}/scans"]
         process = subprocess.Popen(
-            [*command, "--jobs", "1"],
+            [*command, *options],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -354,22 +356,28 @@ def test_a_store_is_as_good_as_a_folder(bucket, tmp_path):
         return process
 
     store = Store(f"{bucket}/data")
-    killed = build()
+    killed = build("--jobs", "1")
     while killed.poll() is None and "shards/s0.npz" not in store.files():
         time.sleep(0.1)
     os.killpg(killed.pid, signal.SIGKILL)
     finish(killed)
     wait_until_gone(killed.pid)
     shutil.rmtree(tmp_path / "cache")  # what follows may be another machine
-    status, said = finish(build())
+    status, said = finish(build("--engine", "dask", "--jobs", "2"))
     assert status == 0, said
 
-    expected = contents(folder)
-    assert set(store.files()) >= {name for name in expected if name.startswith("shards/")}
-    for name in ("s0", "s1", "s2"):
-        assert store.read(f"shards/{name}.npz") == expected[f"shards/{name}.npz"]
+    there = store.files()
+    own = {LOCK} | {name for name in there if name.endswith("cost.json")}
+    assert there.keys() - own == expected.keys() - own
+    # Other files name the scans' folder or the time.
+    for name in (name for name in expected if name.endswith((".npz", ".glb"))):
+        assert store.read(name) == expected[name], name
     report = verify(f"{bucket}/data")
     assert report.ok, report.breaches
     status, said = finish(build())
     assert status == 0, said
     assert "3 of 3 shards stand already" in said
+    sweep = [sys.executable, str(ROOT / "pipeline.py"), "sweep", "--data", f"{bucket}/data"]
+    sweep += ["--powers", "[100]", "--output", str(tmp_path / "sweep")]
+    subprocess.run(sweep, check=True, capture_output=True)
+    assert all(report.ok for report in verify_sweep(tmp_path / "sweep").values())
