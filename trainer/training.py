@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -360,7 +361,9 @@ def _device(name: str) -> torch.device:
 
 
 def _hush(worker: int) -> None:
-    """Let a loader's worker end in silence when its training has: nobody waits for its tensors."""
+    """Let a loader's worker leave Ctrl-C, which a terminal sends to all, to its training, and end
+    in silence when that has: nobody waits for its tensors."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def tell(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
         if not issubclass(kind, ConnectionError | EOFError):
