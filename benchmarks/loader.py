@@ -84,7 +84,7 @@ def make_meta() -> dict:
             "center_height": 0.9,
         },
         "light": {"power": 100.0, "position": [0.0, 0.0, 0.0], "exposure": 1.0},
-        "cycles": {"samples": 12},
+        "cycles": {"samples": 16},
         "sensor": {"model": "none"},
         "seed": 0,
         "dropped_pixels": [0] * VIEWS,

@@ -162,7 +162,7 @@ def main() -> int:
     parser.add_argument("--mesh", type=Path, help="textured OBJ, y up, metres (an open human)")
     parser.add_argument("--views", type=int, default=6, help="yaws, each front and back")
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--samples", type=int, default=12)
+    parser.add_argument("--samples", type=int, default=16)
     parser.add_argument("--reference-views", type=int, default=2, help="yaws at 1024 samples")
     options = parser.parse_args()
     threads = cpu_count()

@@ -242,7 +242,7 @@ def main() -> int:
     parser.add_argument("--views", type=int, default=14, help="yaws, each front and back")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--faces", type=int, default=400_000)
-    parser.add_argument("--samples", type=int, default=12, help="of the build's colour")
+    parser.add_argument("--samples", type=int, default=16, help="of the build's colour")
     parser.add_argument("--meshes", type=int, default=2)
     parser.add_argument("--scans", type=Path, help="folder to keep the meshes in, or to find them")
     parser.add_argument("--reference-views", type=int, default=1, help="yaws at 1024 samples")

@@ -10,8 +10,9 @@ from typing import Any, Literal
 class CyclesConfig:
     """How Cycles renders the colour images; the ground truth takes one sample by its nature."""
 
-    samples: int = 12
-    """Samples per pixel of the colour images (the most, where `adaptive_threshold` is set)."""
+    samples: int = 16
+    """Samples per pixel of the colour images (the most, where `adaptive_threshold` is set). Powers
+    of two fill a pixel most evenly: 16 leave less noise than 18."""
     adaptive_threshold: float = 0.0
     """Noise level at which a pixel stops sampling, looked at every 16 samples, as Cycles has it for
     an image of common brightness; 0 takes every sample everywhere."""
@@ -22,7 +23,7 @@ class CyclesConfig:
 
     def __post_init__(self) -> None:
         if not 1 <= self.samples <= 65536:
-            raise ValueError(f"cycles.samples: {self.samples}; give 1 to 65536, such as 12")
+            raise ValueError(f"cycles.samples: {self.samples}; give 1 to 65536, such as 16")
         if not 0 <= self.adaptive_threshold < 1:
             raise ValueError(
                 f"cycles.adaptive_threshold: {self.adaptive_threshold}; give 0 (off) to below 1"
