@@ -1,4 +1,4 @@
-# make demo: four open humans, rendered, verified, pictured in out/demo.
+# make demo: four open humans, rendered, verified, shown in out/demo/report.html.
 # make test: the whole test suite. Both create .venv and install what they need.
 # make humans: fifty of them, with the figures and pictures that the README shows.
 # make learned: fifty of them, and both branches of the trainer, with the figures of their docs.
@@ -14,6 +14,7 @@ demo: $(READY)
 	$(BIN)/python pipeline.py build --config configs/open.yaml --subjects.count 4 --output out/demo
 	$(BIN)/python pipeline.py verify out/demo
 	$(BIN)/python -m report.sheet out/demo --output out/demo/sheet.png
+	$(BIN)/python pipeline.py report out/demo
 
 test: $(TESTABLE)
 	$(BIN)/python -m pytest

@@ -60,6 +60,7 @@ def _run(given: list[str]) -> int:
         "reconstruct": (_add_reconstruct, _reconstruct),
         "evaluate": (_add_evaluate, _evaluate),
         "experiment": (_add_experiment, _experiment),
+        "report": (_add_report, _report),
     }
     parser = ArgumentParser(
         prog="pipeline.py",
@@ -370,6 +371,7 @@ def _verify(parser: ArgumentParser, parsed: Any) -> int:
     """Prove a dataset again: checksums, schema, and depth against an independent ray cast."""
     from engine.progress import Progress
     from shards.dataset import Dataset
+    from shards.proof import write_proof
     from shards.sweep import base_folder, is_sweep, read_index
     from shards.verify import verify, verify_sweep
 
@@ -392,6 +394,7 @@ def _verify(parser: ArgumentParser, parsed: Any) -> int:
     _on_interrupt(signal.default_int_handler)
     report = verify(folder, progress.step)
     progress.close()
+    write_proof(Dataset(folder), report)
     # What is wrong is told of the place that was given, and not of the copy of it here.
     print(report.table().replace(str(folder), parsed.verify.data.rstrip("/")))
     return DONE if report.ok else FAILURES
@@ -581,6 +584,45 @@ def _experiment(parser: ArgumentParser, parsed: Any) -> int:
         config = _of(ExperimentConfig, parser.instantiate(parsed).experiment)
         _on_interrupt(signal.default_int_handler)
         print(experiment(given["name"], _folder(given["output"]), config))
+    return DONE
+
+
+def _add_report(parser: ArgumentParser) -> None:
+    from jsonargparse.typing import NonNegativeInt, PositiveInt
+
+    parser.add_argument(
+        "data",
+        type=str,
+        help="folder or URL of a dataset; folder of a sweep, an experiment or a training",
+    )
+    parser.add_argument(
+        "--output", type=str | None, help="the page (default: report.html in the folder)"
+    )
+    parser.add_argument(
+        "--view",
+        type=NonNegativeInt | None,
+        help="which view of each subject is shown (default: the one turned least)",
+    )
+    parser.add_argument(
+        "--jobs", type=PositiveInt | None, help="processes that read (default: one per processor)"
+    )
+
+
+def _report(parser: ArgumentParser, parsed: Any) -> int:
+    """Show what a folder holds in one HTML file: a dataset, a sweep, an experiment, a training."""
+    from report.page.write import NAME, write
+    from shards.dataset import Dataset
+    from storage.store import is_url
+
+    given = parsed.report
+    with _users_errors():
+        output = None if given.output is None else _folder(given.output)
+        folder = _data(given.data)
+        if is_url(given.data):
+            Dataset(given.data)  # which brings what the mirror has to have
+            output = output or Path(NAME)
+        _on_interrupt(signal.default_int_handler)
+        print(write(folder, output, given.view, given.jobs))
     return DONE
 
 

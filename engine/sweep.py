@@ -406,11 +406,9 @@ def _render(
                 f"build {task.base} again, or keep its light with --shards.radiance true"
             )
     subject = _subject(task, meta)
-    camera = meta["camera"]
-    rows, columns = camera["size"]
     return capture_radiance(
         subject.surface(),
-        Camera(rows, columns, camera["pixel_size"], camera["distance"], camera["center_height"]),
+        Camera.of(meta["camera"]),
         np.radians(base["yaw_deg"].astype(np.float64)),
         mask,
         tuple(meta["light"]["position"]),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -60,6 +61,13 @@ class Camera:
     pixel_size: float
     distance: float
     center_height: float
+
+    @classmethod
+    def of(cls, record: Mapping[str, Any]) -> Camera:
+        """The camera that a shard's `meta["camera"]` tells of."""
+        rows, columns = record["size"]
+        rest = (record[name] for name in ("pixel_size", "distance", "center_height"))
+        return cls(rows, columns, *rest)
 
     def to_world(self, yaw: float, back: bool = False) -> np.ndarray:
         """(4, 4) rigid transform from camera-frame metres to the subject's world.

@@ -199,7 +199,7 @@ def capture_radiance(
 def _truth(scene: Scene, yaw: float, back: bool, place: Rectangle, folder: Path) -> Side:
     """Depth and normals from one side."""
     camera = scene.camera
-    channels = _shoot(scene, yaw, back, place, folder)
+    channels = shoot(scene, yaw, back, place, folder)
     z = channels["Depth.Z"]
     mask = (z > 0) & (z < BACKGROUND_DEPTH)
     # The back camera stands as far behind the axis as the front one before it.
@@ -214,13 +214,13 @@ def _radiance(scene: Scene, yaw: float, back: bool, place: Rectangle, folder: Pa
     """(h, w, 3) linear light per watt from one side: the subject's own colour, edges included."""
     from render.scene import LAMP_WATTS
 
-    channels = _shoot(scene, yaw, back, place, folder)
+    channels = shoot(scene, yaw, back, place, folder)
     color = np.stack([channels[f"Combined.{c}"] for c in "RGB"], axis=-1)
     # Not the blend of the edge with an empty background.
     return color / np.maximum(channels["Combined.A"], 1e-6)[..., None] / np.float32(LAMP_WATTS)
 
 
-def _shoot(
+def shoot(
     scene: Scene, yaw: float, back: bool, place: Rectangle, folder: Path
 ) -> dict[str, np.ndarray]:
     """Render one side; its channels in the rectangle `place` of the front camera's grid.

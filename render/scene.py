@@ -143,6 +143,11 @@ class Scene:
             self._light = self._add_light()
             self._add_twin()
 
+    @property
+    def layer(self) -> Any:
+        """The `bpy.types.ViewLayer` that says which passes are rendered."""
+        return self._scene.view_layers[0]
+
     def render(
         self, yaw: float, back: bool, rectangle: tuple[slice, slice], folder: Path
     ) -> dict[str, np.ndarray]:

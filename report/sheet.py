@@ -15,19 +15,14 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from report import command
+from report.maps import PAPER, TITLES, pictured
 from report.view import chosen
 from shards.dataset import Dataset
 
-COLUMNS = {
-    "rgb_front": "RGB front",
-    "rgb_back": "RGB back",
-    "depth_front": "depth front",
-    "depth_back": "depth back",
-    "normal_front": "normals front",
-    "normal_back": "normals back",
-    "depth_sensor": "sensor depth, shaded",
-    "body_depth_back": "body, back",
-}
+COLUMNS = (
+    *("rgb_front", "rgb_back", "depth_front", "depth_back", "normal_front", "normal_back"),
+    *("depth_sensor", "body_depth_back"),
+)
 LIMIT = 24
 """Subjects that are drawn where none are named."""
 LARGEST = 64_000_000
@@ -35,7 +30,6 @@ LARGEST = 64_000_000
 SMALLEST = 32
 """Pixels of the highest person at the least: one drawn smaller shows nothing."""
 
-PAPER = 250
 MARGIN = 8
 """Pixels around each person."""
 HEADER, LABEL = 24, 22
@@ -60,7 +54,8 @@ def sheet(folder: Path, subjects: list[str], view: int) -> Image.Image:
     dataset = Dataset(folder)
     crops = [_crop(dataset, subject, view) for subject in subjects]
     font = ImageFont.load_default(size=14)
-    widest = math.ceil(max(font.getlength(title) for title in COLUMNS.values()))
+    titles = [TITLES[name] for name in COLUMNS]
+    widest = math.ceil(max(font.getlength(title) for title in titles))
     scale = 1 / max(crop.pixel_size for crop in crops)
     while math.prod(_page_size(crops, scale, widest)) > LARGEST:
         scale *= 0.95
@@ -71,7 +66,7 @@ def sheet(folder: Path, subjects: list[str], view: int) -> Image.Image:
     page = Image.new("RGB", _page_size(crops, scale, widest), (PAPER, PAPER, PAPER))
     cell = page.width // len(COLUMNS)
     draw = ImageDraw.Draw(page)
-    for k, title in enumerate(COLUMNS.values()):
+    for k, title in enumerate(titles):
         draw.text((k * cell + cell // 2, 5), title, fill=_INK, font=font, anchor="mt")
     top = HEADER
     for crop in crops:
@@ -138,44 +133,8 @@ def _pictures(dataset: Dataset, crop: _Crop, size: tuple[int, int]) -> Iterator[
     """The columns of one row, each of `size`."""
     maps = dataset.shard(crop.subject).view(crop.view, ["mask", *COLUMNS])
     for name in COLUMNS:
-        picture = Image.fromarray(_picture(maps, name, crop.pixel_size)).crop(crop.box)
+        picture = Image.fromarray(pictured(maps, name, crop.pixel_size)).crop(crop.box)
         yield picture if picture.size == size else picture.resize(size, Image.Resampling.LANCZOS)
-
-
-def _picture(view: dict[str, np.ndarray], name: str, pixel_size: float) -> np.ndarray:
-    """(H, W, 3) uint8 of one map, paper where there is no surface."""
-    array = view[name]
-    if name.startswith("normal"):
-        # z towards the viewer of each side reads blue in both.
-        shown = array.astype(np.float32) * [1, 1, -1 if name.endswith("back") else 1]
-        image = np.rint((shown + 1) * 127.5)
-        inside = view["mask"]
-    elif name == "depth_sensor":
-        inside = array > 0
-        image = np.repeat(_relief(array, inside, pixel_size)[..., None], 3, axis=-1)
-    elif "depth" in name:
-        inside = array > 0
-        near, far = _depth_range(view)
-        share = np.clip((far - array) / (far - near), 0, 1)
-        # Near is bright from the front; from the back, what is far from the front camera is near.
-        share = 1 - share if name.endswith("back") else share
-        image = np.repeat((20 + 215 * share)[..., None], 3, axis=-1)
-    else:
-        image, inside = array, view["mask"]
-    return np.where(inside[..., None], image, PAPER).astype(np.uint8)
-
-
-def _relief(depth: np.ndarray, inside: np.ndarray, pixel_size: float) -> np.ndarray:
-    """(H, W) grey of a depth map lit from the upper left: noise of a millimetre shows."""
-    down, right = np.gradient(np.where(inside, depth, np.nan), pixel_size)
-    # The surface's normal is (dz/dx, dz/dy, 1) of the depth, y upwards; the light is (-1, 1, 2).
-    lit = (-right - down + 2) / np.sqrt(6 * (right**2 + down**2 + 1))
-    return 235 * np.clip(np.nan_to_num(lit, nan=0.0), 0, 1)
-
-
-def _depth_range(view: dict[str, np.ndarray]) -> tuple[float, float]:
-    mask = view["mask"]
-    return float(view["depth_front"][mask].min()), float(view["depth_back"][mask].max())
 
 
 def spread(subjects: list[str], limit: int) -> list[str]:

@@ -445,6 +445,11 @@ class Dataset:
         return Dataset(self.folder / BASE)
 
     @property
+    def place(self) -> str:
+        """Where it lies, for people: its folder, or its URL."""
+        return str(self.folder) if self._mirror is None else self._mirror.store.url
+
+    @property
     def url(self) -> str | None:
         """Where it lies, if that is a store."""
         return None if self._mirror is None else self._mirror.store.url

@@ -67,6 +67,21 @@ _COLUMNS = {
 }
 
 
+BOUNDS: dict[str, tuple[str, float | None]] = {
+    "mask_off": ("silhouette: pixels that differ from the ray cast, near no edge", 0),
+    "edge": ("silhouette: pixels that an edge within 2 micrometres of the ray decides", None),
+    "dropped": ("pixels that one side alone saw, and no map holds", None),
+    "depth_median_mm": ("depth, median error, mm", DEPTH_MEDIAN_MM),
+    "depth_p999_mm": ("depth, error of 99.9 % of pixels, mm", DEPTH_P999_MM),
+    "depth_off": ("depth: pixels that are off and on no edge", None),
+    "normal_median_deg": ("normals, median error, degrees", NORMAL_MEDIAN_DEG),
+    "body_mask_off": ("body's silhouette: pixels that differ from the ray cast", None),
+    "body_median_mm": ("body's depth, median error, mm", DEPTH_MEDIAN_MM),
+    "body_p999_mm": ("body's depth, error of 99.9 % of pixels, mm", DEPTH_P999_MM),
+}
+"""Figures of a report in words, and the largest that is sound; None where a view has its own."""
+
+
 @dataclass
 class Report:
     """What `verify` found.
@@ -90,10 +105,7 @@ class Report:
         """The figures, a row for each subject and the worst of all, then the breaches."""
         rows = [["subject", *_COLUMNS.values()]]
         rows += [[subject, *_cells(figures)] for subject, figures in self.figures.items()]
-        worst: dict[str, float] = {}
-        for figures in self.figures.values():
-            _keep_worst(worst, figures)
-        rows.append(["worst", *_cells(worst)])
+        rows.append(["worst", *_cells(self.worst())])
         widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
         lines = [
             "  ".join(
@@ -103,6 +115,13 @@ class Report:
             for row in rows
         ]
         return "\n".join([*lines, "", self.verdict()])
+
+    def worst(self) -> dict[str, float]:
+        """Every figure's worst value over all subjects."""
+        found: dict[str, float] = {}
+        for figures in self.figures.values():
+            _keep_worst(found, figures)
+        return found
 
     def verdict(self) -> str:
         """Whether it is sound, or the breaches."""

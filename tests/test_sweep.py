@@ -128,7 +128,7 @@ def render_at(data: str, power: float | None) -> tuple[list[np.ndarray], list[np
     scene.Scene._add_light = stronger
     pairs = capture_radiance(
         read_subject(subject_folder(Path(data), "s0")).surface(),
-        Camera(*camera["size"], camera["pixel_size"], camera["distance"], camera["center_height"]),
+        Camera.of(camera),
         np.radians(shard["yaw_deg"].astype(float)),
         shard["mask"],
         tuple(shard.meta["light"]["position"]),

@@ -1,0 +1,300 @@
+"use strict";
+
+const PAGE = 12;
+
+const read = (id) => JSON.parse(document.getElementById(id).textContent);
+const at = (id) => document.getElementById(id);
+
+const index = read("index");
+const words = index.words;
+let found = [];
+let page = 0;
+
+/** An element with attributes and children; text stays text. */
+function make(tag, attributes = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+  element.append(...children);
+  return element;
+}
+
+/** Plotly, read when something is first drawn. */
+function plotly() {
+  if (!window.Plotly) {
+    const script = make("script");
+    script.textContent = at("plotly").textContent;
+    document.head.append(script);
+  }
+  return window.Plotly;
+}
+
+/* ---- the gallery ---- */
+
+function choose() {
+  const split = at("split").value;
+  const asked = at("search").value.trim().toLowerCase();
+  found = index.subjects.filter(
+    (one) =>
+      (split === "all" || (split === "failed" ? one.reason !== undefined : one.split === split)) &&
+      one.id.toLowerCase().includes(asked),
+  );
+  page = 0;
+  show();
+}
+
+function show() {
+  const pages = Math.max(1, Math.ceil(found.length / PAGE));
+  const first = page * PAGE;
+  const some = found.slice(first, first + PAGE);
+  at("cards").replaceChildren(...some.map(card));
+  const none = found.length === 0;
+  at("where").textContent = none
+    ? "no subject"
+    : `subjects ${first + 1} to ${first + some.length} of ${found.length}, page ${page + 1} of ${pages}`;
+  at("previous").disabled = page === 0;
+  at("next").disabled = page >= pages - 1;
+}
+
+function turn(by) {
+  page += by;
+  show();
+  at("gallery").scrollIntoView();
+}
+
+function card(one) {
+  const header = make("header", {}, make("h3", {}, one.id));
+  const article = make("article", { class: "card", "data-subject": one.id }, header);
+  if (one.reason !== undefined) {
+    header.append(make("span", { class: "bad" }, `set aside in ${one.stage}`));
+    article.append(make("p", {}, one.reason));
+    return article;
+  }
+  const record = read(one.record);
+  const facts = [
+    one.split,
+    `view ${record.view}, yaw ${record.yaw_deg}°`,
+    `silhouette ${record.height_m.toFixed(2)} m high`,
+    record.licence,
+  ];
+  header.append(make("span", { class: "soft" }, facts.join(" · ")));
+  const open = make("button", { type: "button", "aria-haspopup": "dialog" }, "Turn in 3D");
+  open.addEventListener("click", () => openSolid(one.id, record));
+  header.append(open);
+  const maps = make("div", { class: "maps" });
+  for (const [name, source] of Object.entries(record.pictures)) {
+    const picture = make("img", {
+      src: source,
+      alt: `${one.id}: ${words[name]}`,
+      width: record.size[1],
+      height: record.size[0],
+    });
+    maps.append(make("figure", {}, picture, make("figcaption", {}, words[name])));
+  }
+  article.append(maps);
+  if (one.figures) article.append(make("p", { class: "soft" }, one.figures));
+  return article;
+}
+
+/* ---- one subject in three dimensions ---- */
+
+let solid = null;
+let eye = 0;
+
+function openSolid(id, record) {
+  solid = { id, record };
+  eye = 0;
+  at("solid-title").textContent = id;
+  const kinds = at("kind");
+  const has = record.solid.depths;
+  for (const option of kinds.options) {
+    option.disabled = !option.dataset.needs.split(" ").every((name) => name in has);
+  }
+  if (kinds.selectedOptions[0].disabled) kinds.value = "surface";
+  at("solid-dialog").showModal();
+  drawSolid();
+}
+
+function depths(name) {
+  const { rows, columns, near, depths: packed } = solid.record.solid;
+  const bytes = Uint8Array.from(atob(packed[name]), (letter) => letter.charCodeAt(0));
+  const tenths = new DataView(bytes.buffer);
+  const metres = new Float32Array(rows * columns);
+  for (let k = 0; k < metres.length; k++) {
+    const value = tenths.getUint16(2 * k, true);
+    metres[k] = value === 0 ? 0 : near + (value - 1) / 1e4;
+  }
+  return metres;
+}
+
+/** Colours of the picture at the grid's places: [r, g, b] for each. */
+async function colours(name) {
+  const { rows, columns } = solid.record.solid;
+  const picture = new Image();
+  picture.src = solid.record.pictures[name];
+  await picture.decode();
+  const canvas = make("canvas", { width: columns, height: rows });
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  context.drawImage(picture, 0, 0, columns, rows);
+  return context.getImageData(0, 0, columns, rows).data;
+}
+
+/** The vertices of a depth map: x right, y up, z to the viewer, metres. */
+function points(depth) {
+  const { rows, columns, spacing, near } = solid.record.solid;
+  const result = { x: [], y: [], z: [], place: new Int32Array(depth.length).fill(-1), cells: [] };
+  for (let k = 0; k < depth.length; k++) {
+    if (depth[k] === 0) continue;
+    result.place[k] = result.x.length;
+    result.x.push(((k % columns) - columns / 2) * spacing);
+    result.y.push((rows / 2 - Math.floor(k / columns)) * spacing);
+    result.z.push(near - depth[k]);
+    result.cells.push(k);
+  }
+  return result;
+}
+
+/** Two triangles between four neighbours, where no edge bridges a gap in depth. */
+function triangles(depth, vertices) {
+  const { rows, columns } = solid.record.solid;
+  const faces = { i: [], j: [], k: [] };
+  const gap = 0.06;
+  for (let row = 0; row + 1 < rows; row++) {
+    for (let column = 0; column + 1 < columns; column++) {
+      const a = row * columns + column;
+      const corners = [a, a + 1, a + columns, a + columns + 1];
+      const d = corners.map((c) => depth[c]);
+      if (d.includes(0) || Math.max(...d) - Math.min(...d) > gap) continue;
+      const [p, q, r, s] = corners.map((c) => vertices.place[c]);
+      faces.i.push(p, q);
+      faces.j.push(r, r);
+      faces.k.push(q, s);
+    }
+  }
+  return faces;
+}
+
+async function mesh(depthName, pictureName, name) {
+  const depth = depths(depthName);
+  const vertices = points(depth);
+  const trace = {
+    type: "mesh3d",
+    name,
+    x: vertices.x,
+    y: vertices.z.map((z) => -z),
+    z: vertices.y,
+    ...triangles(depth, vertices),
+    hoverinfo: "skip",
+    lighting: { ambient: 0.55, diffuse: 0.6, specular: 0.05, roughness: 0.9 },
+    lightposition: { x: 100, y: -200, z: 200 },
+  };
+  if (pictureName) {
+    const pixels = await colours(pictureName);
+    trace.vertexcolor = vertices.cells.map(
+      (k) => `rgb(${pixels[4 * k]},${pixels[4 * k + 1]},${pixels[4 * k + 2]})`,
+    );
+  } else {
+    trace.color = "#b9c2cc";
+  }
+  return trace;
+}
+
+async function drawSolid() {
+  const kind = at("kind").value;
+  let traces;
+  if (kind === "sensor") {
+    const vertices = points(depths("sensor"));
+    traces = [
+      {
+        type: "scatter3d",
+        mode: "markers",
+        name: "sensor",
+        x: vertices.x,
+        y: vertices.z.map((z) => -z),
+        z: vertices.y,
+        marker: { size: 1.6, color: vertices.z, colorscale: "Viridis" },
+        hoverinfo: "skip",
+      },
+    ];
+  } else if (kind === "body") {
+    traces = [await mesh("body_front", null, "body, front"), await mesh("body_back", null, "body, back")];
+  } else {
+    traces = [await mesh("front", "rgb_front", "front"), await mesh("back", "rgb_back", "back")];
+  }
+  const axis = { visible: false };
+  const layout = {
+    margin: { l: 0, r: 0, t: 0, b: 0 },
+    showlegend: false,
+    uirevision: solid.id,
+    scene: { xaxis: axis, yaxis: axis, zaxis: axis, aspectmode: "data", camera: { eye: place() } },
+  };
+  await plotly().react("solid", traces, layout, { displaylogo: false, responsive: true });
+  at("solid").dataset.drawn = `${solid.id} ${kind}`;
+}
+
+/** The viewer, from the front at 0. */
+function place() {
+  const angle = (eye * Math.PI) / 180;
+  return { x: 1.9 * Math.sin(angle), y: -1.9 * Math.cos(angle), z: 0.15 };
+}
+
+function turnSolid(by) {
+  eye = (eye + by + 360) % 360;
+  plotly().relayout("solid", { "scene.camera.eye": place() });
+  at("solid").dataset.eye = eye;
+}
+
+/* ---- histograms ---- */
+
+function bars(id, values, first, width, title, unit, curve) {
+  const whole = values.reduce((sum, value) => sum + value, 0) || 1;
+  let from = values.findIndex((value) => value > 0);
+  let to = values.length - 1;
+  while (to > from && values[to] === 0) to--;
+  if (from < 0) from = to = 0;
+  const x = [];
+  const y = [];
+  for (let k = from; k <= to; k++) {
+    x.push(first + (k + 0.5) * width);
+    y.push(values[k] / whole / width);
+  }
+  const traces = [{ type: "bar", x, y, width, marker: { color: "#7aa2cf" }, name: "seen" }];
+  if (curve) traces.push({ type: "scatter", mode: "lines", x, y: x.map(curve), line: { color: "#a4262c" }, name: "the model" });
+  const layout = {
+    margin: { l: 45, r: 10, t: 32, b: 40 },
+    title: { text: title, font: { size: 14 } },
+    xaxis: { title: { text: unit, font: { size: 12 } } },
+    yaxis: { title: { text: "density", font: { size: 12 } } },
+    bargap: 0,
+    showlegend: Boolean(curve),
+    legend: { x: 0.99, xanchor: "right", y: 0.99 },
+    paper_bgcolor: "rgba(0,0,0,0)",
+  };
+  plotly().newPlot(id, traces, layout, { displaylogo: false, displayModeBar: false, responsive: true });
+}
+
+function drawHistograms() {
+  for (const one of index.histograms) {
+    const curve = one.normal && ((x) => Math.exp((-x * x) / 2) / Math.sqrt(2 * Math.PI));
+    bars(`histogram-${one.name}`, one.values, one.first, one.width, one.title, one.unit, curve);
+  }
+}
+
+/* ---- all together ---- */
+
+at("split").addEventListener("change", choose);
+at("search").addEventListener("input", choose);
+at("previous").addEventListener("click", () => turn(-1));
+at("next").addEventListener("click", () => turn(1));
+at("kind").addEventListener("change", drawSolid);
+at("left").addEventListener("click", () => turnSolid(-30));
+at("right").addEventListener("click", () => turnSolid(30));
+at("close").addEventListener("click", () => at("solid-dialog").close());
+at("solid-dialog").addEventListener("close", () => plotly().purge("solid"));
+choose();
+
+new IntersectionObserver((entries, observer) => {
+  if (entries.some((entry) => entry.isIntersecting)) {
+    observer.disconnect();
+    drawHistograms();
+  }
+}).observe(at("histograms"));

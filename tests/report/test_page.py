@@ -1,0 +1,320 @@
+"""The report's page in a real browser: what is on the screen, by mouse, by keys and on a phone."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from benchmarks.browser import browser as headless
+from benchmarks.browser import chromium
+from pipeline import main
+from report.page.shown import Fineness
+from shards.archive import Shard, write_shard
+from shards.checksum import file_sha256
+from shards.dataset import Dataset, DatasetWriter
+from shards.proof import PROOF, read_proof
+from shards.sweep import power_folder, write_index
+from shards.verify import verify
+from tests.shards.conftest import CONFIG, closed_form_arrays, closed_form_meta, write_surfaces
+
+HOSTILE = "it <b>is</b> </script><img src=x onerror=\"document.title='run'\"> & broken"
+COUNT = 30
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    if chromium() is None and "CHROMIUM_REQUIRED" not in os.environ:
+        pytest.skip("no Chromium; apt-get install chromium")
+    with headless() as opened:
+        yield opened
+
+
+@pytest.fixture
+def show(browser) -> Iterator[Callable[..., Any]]:
+    """show(file, width): a page of the browser; at the end, nothing was fetched or failed."""
+    pages, faults = [], []
+
+    def show(file: Path, width: int = 1280) -> Any:
+        page = browser.new_page(viewport={"width": width, "height": 900})
+        pages.append(page)
+        page.set_default_timeout(60_000)
+        page.on("console", lambda said: said.type == "error" and faults.append(said.text))
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.on(
+            "request",
+            lambda asked: (
+                asked.url.startswith(("data:", "blob:", "file:")) or faults.append(asked.url)
+            ),
+        )
+        page.goto(file.as_uri())
+        return page
+
+    yield show
+    for page in pages:
+        page.close()
+    assert faults == []
+
+
+@pytest.fixture
+def folder(build) -> Path:
+    """Thirty subjects that are seen and one that is not."""
+    made = {f"box_{k:02d}": {"yaw_deg": [5.0, -20.0]} for k in range(COUNT)}
+    return build({**made, "broken": {"failed": HOSTILE}})
+
+
+def report(folder: Path, *options: object) -> Path:
+    assert main(["report", str(folder), "--jobs", "1", *map(str, options)]) == 0
+    return folder / "report.html"
+
+
+def cards(page: Any) -> list[str]:
+    return page.locator(".card h3").all_text_contents()
+
+
+def picture(page: Any, place: str) -> np.ndarray:
+    return np.asarray(
+        Image.open(io.BytesIO(page.locator(place).screenshot())).convert("RGB")
+    ).astype(int)
+
+
+def test_it_shows_what_the_dataset_holds(folder, show):
+    page = show(report(folder))
+    assert page.title() == "dataset: report"
+    summary = page.locator("#summary").inner_text()
+    dataset = Dataset(folder)
+    train, test = len(dataset.subjects("train")), len(dataset.subjects("test"))
+    for told in (f"{COUNT}\nsubjects", f"{train} / {test}", "60\nviews", "1\nset aside", "CC0-1.0"):
+        assert told in summary
+    assert dataset.description["config_sha256"] in summary
+    assert "Nobody has proven this dataset" in page.locator("#proof").inner_text()
+    assert HOSTILE in page.locator("#failures").inner_text()
+    first = page.locator(".card").first
+    assert "view 0, yaw 5°" in first.inner_text()
+    maps = first.locator("img")
+    words = maps.evaluate_all("all => all.map(one => one.alt)")
+    assert words[:2] == ["box_00: RGB front", "box_00: RGB back"]
+    assert {
+        f"box_00: {w}" for w in ("depth back", "normals front", "thickness", "body, back")
+    } < set(words)
+    assert maps.evaluate_all("all => all.every(one => one.complete && one.naturalWidth > 20)")
+
+
+def test_the_pictures_are_the_maps(folder, show):
+    """The box is orange from the front, and half as bright from the back."""
+    page = show(report(folder))
+    colors = [
+        np.median(picture(page, f'img[alt="box_00: RGB {side}"]')[80:110, 40:60], axis=(0, 1))
+        for side in ("front", "back")
+    ]
+    np.testing.assert_allclose(colors[0], (200, 120, 40), atol=6)
+    np.testing.assert_allclose(colors[1], (100, 60, 20), atol=6)
+
+
+def test_pages_and_filters(folder, show):
+    page = show(report(folder))
+    assert cards(page) == [f"box_{k:02d}" for k in range(12)]
+    assert page.locator("#previous").is_disabled()
+    page.click("#next")
+    page.click("#next")
+    assert cards(page) == [*(f"box_{k:02d}" for k in range(24, COUNT)), "broken"]
+    assert "subjects 25 to 31 of 31, page 3 of 3" in page.locator("#where").inner_text()
+    assert page.locator("#next").is_disabled()
+    page.select_option("#split", "test")
+    assert cards(page) == Dataset(folder).subjects("test")
+    page.select_option("#split", "failed")
+    assert cards(page) == ["broken"]
+    assert HOSTILE in page.locator(".card").inner_text()
+    page.select_option("#split", "all")
+    page.fill("#search", "BOX_1")
+    assert cards(page) == [f"box_{k}" for k in range(10, 20)]
+    page.fill("#search", "nobody")
+    assert cards(page) == []
+    assert page.locator("#where").inner_text() == "no subject"
+    assert page.title() == "dataset: report"  # what a reason says was never run
+
+
+def test_it_turns_in_three_dimensions(folder, show):
+    page = show(report(folder))
+    page.locator(".card").nth(1).get_by_role("button", name="Turn in 3D").click()
+    page.wait_for_selector('#solid[data-drawn="box_01 surface"]')
+    page.wait_for_timeout(500)
+    assert page.locator("#solid-title").inner_text() == "box_01"
+    front = picture(page, "#solid")
+    orange = (np.abs(front[..., 0] - 2 * front[..., 1] * 0.85) < 60) & (front.ptp(axis=-1) > 50)
+    assert 0.02 < orange.mean() < 0.9
+    page.click("#right")
+    page.wait_for_selector('#solid[data-eye="30"]')
+    page.wait_for_timeout(500)
+    assert np.abs(picture(page, "#solid") - front).max(axis=-1).mean() > 2
+    page.select_option("#kind", "body")
+    page.wait_for_selector('#solid[data-drawn="box_01 body"]')
+    page.select_option("#kind", "sensor")
+    page.wait_for_selector('#solid[data-drawn="box_01 sensor"]')
+    box = page.locator("#solid").bounding_box()
+    before = picture(page, "#solid")
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] / 2 + 150, box["y"] + box["height"] / 2, steps=5)
+    page.mouse.up()
+    page.wait_for_timeout(500)
+    assert np.abs(picture(page, "#solid") - before).max(axis=-1).mean() > 1
+
+
+def test_histograms_are_drawn_when_they_are_seen(folder, show):
+    page = show(report(folder))
+    page.locator("#failures").scroll_into_view_if_needed()
+    page.locator("#histograms").scroll_into_view_if_needed()
+    for name in ("depth", "thickness", "residual", "yaw", "coverage"):
+        page.wait_for_selector(f"#histogram-{name} .main-svg")
+    yaw = page.locator("#histogram-yaw")
+    assert "Yaw of all views" in yaw.inner_text()
+    # Two yaws, half of the views each, in bins of two degrees.
+    bars = yaw.evaluate("plot => [plot.data[0].x, plot.data[0].y]")
+    seen = [(x, y) for x, y in zip(*bars, strict=True) if y]
+    assert seen == [(-19, 0.25), (5, 0.25)]
+
+
+def test_by_keys_alone(folder, show):
+    page = show(report(folder))
+    page.locator("#split").focus()
+    for _ in range(20):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement.textContent") == "Turn in 3D":
+            break
+    page.keyboard.press("Enter")
+    page.wait_for_selector('#solid[data-drawn="box_00 surface"]')
+    assert page.locator("#solid-dialog").is_visible()
+    while page.evaluate("document.activeElement.id") != "right":
+        page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    page.wait_for_selector('#solid[data-eye="30"]')
+    page.keyboard.press("Escape")
+    assert page.locator("#solid-dialog").is_hidden()
+    assert page.evaluate("document.activeElement.textContent") == "Turn in 3D"
+
+
+def test_it_is_read_at_a_phone_s_width(folder, show):
+    page = show(report(folder), 360)
+    assert page.evaluate("document.scrollingElement.scrollWidth") <= 360
+    page.locator(".card").first.get_by_role("button", name="Turn in 3D").click()
+    page.wait_for_selector("#solid[data-drawn]")
+    assert page.locator("#solid").bounding_box()["width"] > 250
+    assert page.evaluate("document.scrollingElement.scrollWidth") <= 360
+    assert not page.evaluate("[...document.images].some(one => !one.alt)")
+
+
+def test_the_proof_is_of_the_dataset_as_it_stands(tmp_path, show):
+    folder = tmp_path / "sound"
+    with DatasetWriter(folder, CONFIG, ["box"], 7, {"numpy": np.__version__}) as writer:
+        write_surfaces(folder)
+        written = write_shard(
+            writer.shard_path("box"), closed_form_arrays(), closed_form_meta("box")
+        )
+        writer.add("box", *written, 1.0, "CC0-1.0")
+        writer.finish()
+    assert main(["verify", str(folder)]) == 0
+    dataset = Dataset(folder)
+    kept, made = read_proof(dataset), verify(folder)
+    assert kept is not None
+    assert (kept.breaches, kept.figures) == (made.breaches, made.figures)
+    page = show(report(folder))
+    said = page.locator("#proof").inner_text()
+    assert "Sound: every file has its checksum" in said
+    assert "The worst of 1 subjects" in said
+    assert "proof: 0 pixels of the silhouette off" in page.locator(".card").inner_text()
+    manifest = folder / "manifest.jsonl"
+    manifest.write_text(manifest.read_text().replace('"seconds": 1.0', '"seconds": 2.0'))
+    assert read_proof(dataset) is None  # of another manifest
+    assert "Nobody has proven" in show(report(folder)).locator("#proof").inner_text()
+    (folder / PROOF).write_text('{"manifest_sha256": 3}')
+    assert read_proof(dataset) is None
+
+
+def test_what_is_unsound_is_told(folder, show):
+    assert main(["verify", str(folder)]) == 1  # its surfaces are none
+    page = show(report(folder))
+    said = page.locator("#proof").inner_text()
+    assert re.search(r"\d+ breaches", said)
+    assert "holds no triangles" in said
+
+
+def test_a_training_s_curves(tmp_path, show):
+    epochs = [{"loss_depth": 1 / k, "depth_mm": 5.0 / k, "seconds": 3.0} for k in range(1, 6)]
+    (tmp_path / "history.jsonl").write_text("".join(json.dumps(e) + "\n" for e in epochs))
+    Image.new("RGB", (300, 200), (10, 200, 10)).save(tmp_path / "test.png")
+    page = show(report(tmp_path))
+    page.wait_for_selector("#curve-depth .main-svg")
+    drawn = page.locator("#curve-loss").evaluate("plot => plot.data[0].y")
+    assert drawn == [epoch["loss_depth"] for epoch in epochs]
+    assert "5 epochs" in page.locator("header").inner_text()
+    assert re.search(r"depth_mm\s+1\s+1", page.locator("#figures").inner_text())
+    np.testing.assert_allclose(picture(page, "img.picture")[100, 100], (10, 200, 10), atol=3)
+
+
+def test_an_experiment_s_tables_and_figures(tmp_path, show):
+    results = tmp_path / "results"
+    results.mkdir()
+    (tmp_path / "study.json").write_text('{"seeds": [0, 1]}')
+    (results / "table4.json").write_text('{"columns": ["CD"]}')
+    told = "| | CD |\n|---|---|\n| ours | 0.5 |\n\n<script>no</script>\n"
+    (results / "table4.md").write_text(told)
+    (results / "fig9.json").write_text("{}")
+    Image.new("RGB", (300, 200), (10, 10, 200)).save(results / "fig9.png")
+    page = show(report(tmp_path))
+    assert page.locator("#table4 td").all_text_contents() == ["ours", "0.5"]
+    assert "<script>no</script>" in page.locator("#table4").inner_text()
+    np.testing.assert_allclose(picture(page, "#fig9 img")[100, 100], (10, 10, 200), atol=3)
+
+
+def test_a_sweep_s_powers(build, show, tmp_path):
+    data = build({"box_0": {}, "box_1": {}})
+    folder, powers, base = tmp_path / "sweep", (2000.0, 100.0), Dataset(data)
+    folder.mkdir()
+    write_index(folder, data, {}, powers)
+    for power in powers:
+        place = folder / power_folder(power)
+        with DatasetWriter(place, {"power": power}, ["box_0", "box_1"], 7, {}, base) as writer:
+            for subject in ("box_0", "box_1"):
+                path = data / "shards" / f"{subject}.npz"
+                whole = Shard(path)
+                colors = {n: whole[n] // round(2000 / power) for n in ("rgb_front", "rgb_back")}
+                refers = {
+                    "shard": f"base/shards/{subject}.npz",
+                    "contents": whole.contents,
+                    "sha256": file_sha256(path),
+                }
+                light = {"power": power, "position": [0, 0, 0], "exposure": 1.0}
+                meta = whole.meta | {"base": refers, "light": light, "color_camera": None}
+                written = write_shard(writer.shard_path(subject), colors, meta, base=whole)
+                writer.add(subject, *written, 1.0, "CC0-1.0")
+            writer.finish()
+    page = show(report(folder))
+    assert page.locator("#powers tbody th").all_text_contents() == ["2000 W", "100 W"]
+    assert cards(page) == ["box_0", "box_1"]
+    bright, dark = (
+        np.median(picture(page, f'img[alt="box_1 at {power} W"]')[80:110, 40:60], axis=(0, 1))
+        for power in (2000, 100)
+    )
+    np.testing.assert_allclose(bright, (200, 120, 40), atol=6)
+    np.testing.assert_allclose(dark, (10, 6, 2), atol=6)
+    own = show(report(folder / power_folder(100.0)))  # which is a dataset too
+    assert cards(own) == ["box_0", "box_1"]
+
+
+@pytest.mark.parametrize("count", [1, 100, 150, 151, 500, 1000])
+def test_more_subjects_are_shown_more_coarsely(count):
+    assert Fineness.of(count).scale >= Fineness.of(count + 1).scale
+
+
+def test_what_is_none_is_told_in_one_line(tmp_path, capsys):
+    assert main(["report", str(tmp_path)]) == 2
+    assert "holds no dataset, sweep, training or experiment" in capsys.readouterr().err
