@@ -225,10 +225,35 @@ async function drawSolid() {
     margin: { l: 0, r: 0, t: 0, b: 0 },
     showlegend: false,
     uirevision: solid.id,
-    scene: { xaxis: axis, yaxis: axis, zaxis: axis, aspectmode: "data", camera: { eye: place() } },
+    scene: {
+      xaxis: axis,
+      yaxis: axis,
+      zaxis: axis,
+      aspectmode: "manual",
+      aspectratio: proportions(traces),
+      camera: { eye: place() },
+    },
   };
   await plotly().react("solid", traces, layout, { displaylogo: false, responsive: true });
   at("solid").dataset.drawn = `${solid.id} ${kind}`;
+}
+
+/** Sides of the box that holds all, the longest as long as the view is high. */
+function proportions(traces) {
+  const sides = ["x", "y", "z"].map((name) => {
+    let low = Infinity;
+    let high = -Infinity;
+    for (const trace of traces) {
+      for (const value of trace[name]) {
+        if (value < low) low = value;
+        if (value > high) high = value;
+      }
+    }
+    return Math.max(high - low, 0.01);
+  });
+  const longest = Math.max(...sides);
+  const [x, y, z] = sides.map((side) => (1.5 * side) / longest);
+  return { x, y, z };
 }
 
 /** The viewer, from the front at 0. */

@@ -77,6 +77,7 @@ def shown(folder: Path, subject: str, view: int | None, fineness: Fineness) -> d
         "pictures": {
             name: picture(pictured(maps, name, pixel_size)[box], fineness)
             for name in (*names, "thickness")
+            if name == "thickness" or maps[name].any()  # a scan may have no body
         },
         "solid": _solid(maps, box, pixel_size, fineness.step),
         "counts": counts(shard, index),
