@@ -371,7 +371,7 @@ def _verify(parser: ArgumentParser, parsed: Any) -> int:
     """Prove a dataset again: checksums, schema, and depth against an independent ray cast."""
     from engine.progress import Progress
     from shards.dataset import Dataset
-    from shards.proof import write_proof
+    from shards.proof import manifest_sha256, write_proof
     from shards.sweep import base_folder, is_sweep, read_index
     from shards.verify import verify, verify_sweep
 
@@ -392,9 +392,12 @@ def _verify(parser: ArgumentParser, parsed: Any) -> int:
             return FAILURES if wrong else DONE
         progress = Progress("verify", len(Dataset(folder)))
     _on_interrupt(signal.default_int_handler)
+    dataset = Dataset(folder)
+    sha256 = manifest_sha256(dataset)
     report = verify(folder, progress.step)
     progress.close()
-    write_proof(Dataset(folder), report)
+    if write_proof(dataset, report, sha256) is None:
+        sys.stderr.write(f"{folder} cannot be written: the report will not know of this proof\n")
     # What is wrong is told of the place that was given, and not of the copy of it here.
     print(report.table().replace(str(folder), parsed.verify.data.rstrip("/")))
     return DONE if report.ok else FAILURES

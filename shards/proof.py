@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,20 @@ PROOF = "verify.json"
 """No part of the dataset: it says of which manifest it speaks, and of another it says nothing."""
 
 
-def write_proof(dataset: Dataset, report: Report) -> Path | None:
-    """Keep a report in the dataset's folder; None where that cannot be written."""
+def write_proof(dataset: Dataset, report: Report, manifest_sha256: str) -> Path | None:
+    """Keep a report in the dataset's folder; None where that cannot be written.
+
+    Args:
+        manifest_sha256: as it was before the proof began: a build may add to it meanwhile.
+    """
     record = {
-        "manifest_sha256": file_sha256(dataset.folder / MANIFEST),
+        "manifest_sha256": manifest_sha256,
         "breaches": report.breaches,
         "figures": {
             # JSON has no number that is none.
-            subject: {name: float(value) if value == value else None for name, value in of.items()}
+            subject: {
+                name: float(value) if math.isfinite(value) else None for name, value in of.items()
+            }
             for subject, of in report.figures.items()
         },
     }
@@ -36,12 +43,17 @@ def write_proof(dataset: Dataset, report: Report) -> Path | None:
     return path
 
 
+def manifest_sha256(dataset: Dataset) -> str:
+    """What a proof of the dataset is of."""
+    return file_sha256(dataset.folder / MANIFEST)
+
+
 def read_proof(dataset: Dataset) -> Report | None:
     """The report that was kept, if it is of the dataset as it stands."""
     try:
         with open_file(dataset.folder / PROOF) as file:
             record: Any = json.loads(file.read())
-        if record["manifest_sha256"] != file_sha256(dataset.folder / MANIFEST):
+        if record["manifest_sha256"] != manifest_sha256(dataset):
             return None
         figures = {
             str(subject): {

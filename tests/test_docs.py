@@ -43,7 +43,7 @@ READ = {
 SCANS = r"2k2k|customhumans|renderpeople|thuman21?|thuman2|people|flat|plain|\w+_bodies|scans|unit"
 
 SHOWN = {
-    r"^(make|pip|dask|tensorboard|torchrun|for|\.) ": "installs, starts servers, or is what runs this",
+    r"^(make|pip|dask|tensorboard|torchrun|for|\.) ": "installs, serves, or is what runs this",
     rf"(build|verify|sheet) .*out/({SCANS})\b": "of licensed scans",
     r"python -m benchmarks": "half an hour",
     r"--frame\.": "an image of your own; tests/experiments has one",

@@ -58,6 +58,9 @@ function show() {
 function turn(by) {
   page += by;
   show();
+  // The end of the pages takes the focus from no one.
+  if (at("next").disabled) at("previous").focus();
+  else if (at("previous").disabled) at("next").focus();
   at("gallery").scrollIntoView();
 }
 
@@ -65,7 +68,7 @@ function card(one) {
   const header = make("header", {}, make("h3", {}, one.id));
   const article = make("article", { class: "card", "data-subject": one.id }, header);
   if (one.reason !== undefined) {
-    header.append(make("span", { class: "bad" }, `set aside in ${one.stage}`));
+    header.append(make("span", { class: "bad" }, `set aside: ${one.stage}`));
     article.append(make("p", {}, one.reason));
     return article;
   }
@@ -99,6 +102,7 @@ function card(one) {
 
 let solid = null;
 let eye = 0;
+let asked = 0; // what was asked for last: pictures take their time to decode
 
 function openSolid(id, record) {
   solid = { id, record };
@@ -114,8 +118,8 @@ function openSolid(id, record) {
   drawSolid();
 }
 
-function depths(name) {
-  const { rows, columns, near, depths: packed } = solid.record.solid;
+function depths(record, name) {
+  const { rows, columns, near, depths: packed } = record.solid;
   const bytes = Uint8Array.from(atob(packed[name]), (letter) => letter.charCodeAt(0));
   const tenths = new DataView(bytes.buffer);
   const metres = new Float32Array(rows * columns);
@@ -127,10 +131,10 @@ function depths(name) {
 }
 
 /** Colours of the picture at the grid's places: [r, g, b] for each. */
-async function colours(name) {
-  const { rows, columns } = solid.record.solid;
+async function colours(record, name) {
+  const { rows, columns } = record.solid;
   const picture = new Image();
-  picture.src = solid.record.pictures[name];
+  picture.src = record.pictures[name];
   await picture.decode();
   const canvas = make("canvas", { width: columns, height: rows });
   const context = canvas.getContext("2d", { willReadFrequently: true });
@@ -139,8 +143,8 @@ async function colours(name) {
 }
 
 /** The vertices of a depth map: x right, y up, z to the viewer, metres. */
-function points(depth) {
-  const { rows, columns, spacing, near } = solid.record.solid;
+function points(record, depth) {
+  const { rows, columns, spacing, near } = record.solid;
   const result = { x: [], y: [], z: [], place: new Int32Array(depth.length).fill(-1), cells: [] };
   for (let k = 0; k < depth.length; k++) {
     if (depth[k] === 0) continue;
@@ -154,8 +158,8 @@ function points(depth) {
 }
 
 /** Two triangles between four neighbours, where no edge bridges a gap in depth. */
-function triangles(depth, vertices) {
-  const { rows, columns } = solid.record.solid;
+function triangles(record, depth, vertices) {
+  const { rows, columns } = record.solid;
   const faces = { i: [], j: [], k: [] };
   const gap = 0.06;
   for (let row = 0; row + 1 < rows; row++) {
@@ -173,22 +177,22 @@ function triangles(depth, vertices) {
   return faces;
 }
 
-async function mesh(depthName, pictureName, name) {
-  const depth = depths(depthName);
-  const vertices = points(depth);
+async function mesh(record, depthName, pictureName, name) {
+  const depth = depths(record, depthName);
+  const vertices = points(record, depth);
   const trace = {
     type: "mesh3d",
     name,
     x: vertices.x,
     y: vertices.z.map((z) => -z),
     z: vertices.y,
-    ...triangles(depth, vertices),
+    ...triangles(record, depth, vertices),
     hoverinfo: "skip",
     lighting: { ambient: 0.55, diffuse: 0.6, specular: 0.05, roughness: 0.9 },
     lightposition: { x: 100, y: -200, z: 200 },
   };
   if (pictureName) {
-    const pixels = await colours(pictureName);
+    const pixels = await colours(record, pictureName);
     trace.vertexcolor = vertices.cells.map(
       (k) => `rgb(${pixels[4 * k]},${pixels[4 * k + 1]},${pixels[4 * k + 2]})`,
     );
@@ -200,9 +204,11 @@ async function mesh(depthName, pictureName, name) {
 
 async function drawSolid() {
   const kind = at("kind").value;
+  const { id, record } = solid;
+  const mine = ++asked;
   let traces;
   if (kind === "sensor") {
-    const vertices = points(depths("sensor"));
+    const vertices = points(record, depths(record, "sensor"));
     traces = [
       {
         type: "scatter3d",
@@ -216,15 +222,22 @@ async function drawSolid() {
       },
     ];
   } else if (kind === "body") {
-    traces = [await mesh("body_front", null, "body, front"), await mesh("body_back", null, "body, back")];
+    traces = [
+      await mesh(record, "body_front", null, "body, front"),
+      await mesh(record, "body_back", null, "body, back"),
+    ];
   } else {
-    traces = [await mesh("front", "rgb_front", "front"), await mesh("back", "rgb_back", "back")];
+    traces = [
+      await mesh(record, "front", "rgb_front", "front"),
+      await mesh(record, "back", "rgb_back", "back"),
+    ];
   }
+  if (mine !== asked || !at("solid-dialog").open) return;
   const axis = { visible: false };
   const layout = {
     margin: { l: 0, r: 0, t: 0, b: 0 },
     showlegend: false,
-    uirevision: solid.id,
+    uirevision: id,
     scene: {
       xaxis: axis,
       yaxis: axis,
@@ -235,7 +248,7 @@ async function drawSolid() {
     },
   };
   await plotly().react("solid", traces, layout, { displaylogo: false, responsive: true });
-  at("solid").dataset.drawn = `${solid.id} ${kind}`;
+  if (mine === asked && at("solid-dialog").open) at("solid").dataset.drawn = `${id} ${kind}`;
 }
 
 /** Sides of the box that holds all, the longest as long as the view is high. */
@@ -263,6 +276,7 @@ function place() {
 }
 
 function turnSolid(by) {
+  if (!at("solid").dataset.drawn) return;
   eye = (eye + by + 360) % 360;
   plotly().relayout("solid", { "scene.camera.eye": place() });
   at("solid").dataset.eye = eye;
@@ -314,7 +328,12 @@ at("kind").addEventListener("change", drawSolid);
 at("left").addEventListener("click", () => turnSolid(-30));
 at("right").addEventListener("click", () => turnSolid(30));
 at("close").addEventListener("click", () => at("solid-dialog").close());
-at("solid-dialog").addEventListener("close", () => plotly().purge("solid"));
+at("solid-dialog").addEventListener("close", () => {
+  asked++;
+  if (at("solid").dataset.drawn) plotly().purge("solid");
+  delete at("solid").dataset.drawn;
+  delete at("solid").dataset.eye;
+});
 choose();
 
 new IntersectionObserver((entries, observer) => {

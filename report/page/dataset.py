@@ -15,7 +15,9 @@ from tqdm import tqdm
 
 from report.maps import TITLES
 from report.page.document import document, section, table
-from report.page.shown import DEPTH_MM, RESIDUAL, SAMPLED, THICKNESS_MM, Fineness, shown
+from report.page.measure import DEPTH_MM, RESIDUAL, SAMPLED, THICKNESS_MM
+from report.page.shown import Fineness, shown
+from shards.archive import ShardError
 from shards.dataset import Dataset
 from shards.proof import read_proof
 from shards.verify import BOUNDS, Report
@@ -41,32 +43,59 @@ def page(folder: Path, view: int | None, jobs: int) -> str:
 
     Raises:
         DatasetError: the folder holds no dataset.
-        ShardError: a shard is torn.
         ValueError: a subject has no such view.
     """
     dataset = Dataset(folder)
-    subjects = list(dataset.manifest)
-    fineness = Fineness.of(len(subjects))
-    work = Parallel(n_jobs=min(jobs, len(subjects) or 1), return_as="generator")(
-        delayed(shown)(dataset.folder, subject, view, fineness) for subject in subjects
+    paths = {subject: dataset.shard_path(subject) for subject in dataset.manifest}
+    fineness = Fineness.of(len(paths), _rows(dataset))
+    work = Parallel(n_jobs=min(jobs, len(paths) or 1), return_as="generator")(
+        delayed(_tried)(path, view, fineness) for path in paths.values()
     )
-    bar = tqdm(work, "report", len(subjects), leave=False, disable=not sys.stderr.isatty())
-    found = dict(zip(subjects, bar, strict=True))
+    bar = tqdm(work, "report", len(paths), leave=False, disable=not sys.stderr.isatty())
+    tried = dict(zip(paths, bar, strict=True))
+    found = {subject: one for subject, one in tried.items() if "reason" not in one}
     counts = {subject: one.pop("counts") for subject, one in found.items()}
+    faults = {subject: one["reason"] for subject, one in tried.items() if "reason" in one}
     proof = read_proof(dataset)
     name = Path(dataset.place).name or dataset.place
     index = {
         "words": TITLES,
-        "subjects": [*_cards(dataset, proof), *_failures(dataset)],
-        "histograms": list(_histograms(list(counts.values()))),
+        "subjects": [*_cards(dataset, faults, proof), *_failures(dataset)],
+        "histograms": list(_histograms(list(counts.values()))) if counts else [],
     }
-    records = {f"subject-{k}": one for k, one in enumerate(found.values())}
+    order = {subject: k for k, subject in enumerate(paths)}
+    records = {f"subject-{order[subject]}": one for subject, one in found.items()}
     body = _body(dataset, name, list(found.values()), list(counts.values()), proof)
     return document(f"{name}: report", body, {"index": index, **records}, "dataset.js")
 
 
-def _cards(dataset: Dataset, proof: Report | None) -> Iterator[dict[str, Any]]:
+def _rows(dataset: Dataset) -> int:
+    """Of the images, as the configuration asks for them."""
+    camera = dataset.config.get("camera")
+    rows = camera.get("rows") if isinstance(camera, dict) else None
+    return rows if isinstance(rows, int) else 424
+
+
+def _tried(path: Path, view: int | None, fineness: Fineness) -> dict[str, Any]:
+    """The subject, or why it cannot be shown: a page is wanted of a damaged dataset too."""
+    try:
+        return shown(path, view, fineness)
+    except (ShardError, OSError) as error:
+        return {"reason": " ".join(str(error).split())}
+
+
+def _cards(
+    dataset: Dataset, faults: dict[str, str], proof: Report | None
+) -> Iterator[dict[str, Any]]:
     for k, (subject, entry) in enumerate(dataset.manifest.items()):
+        if subject in faults:
+            yield {
+                "id": subject,
+                "split": entry.split,
+                "stage": "its shard",
+                "reason": faults[subject],
+            }
+            continue
         card = {"id": subject, "split": entry.split, "record": f"subject-{k}"}
         figures = {} if proof is None else proof.figures.get(subject, {})
         told = [text.format(figures[name]) for name, text in _PROVEN.items() if name in figures]
@@ -187,7 +216,7 @@ def _summary(dataset: Dataset, found: list[dict[str, Any]]) -> str:
         ("sensor", ", ".join(sorted({one["sensor"] for one in found})) or "none"),
         ("seed", str(block["seed"])),
         ("configuration", f"SHA-256 {block['config_sha256']}"),
-        ("versions", ", ".join(f"{k} {v}" for k, v in block["versions"].items())),
+        ("versions", ", ".join(f"{k} {v}" for k, v in block.get("versions", {}).items())),
     ]
     return f'<ul class="figures">{items}</ul>{table((), rows)}'
 
@@ -199,8 +228,8 @@ def _proof(proof: Report | None) -> str:
             "<code>python pipeline.py verify DIR</code>, then <code>report</code> again.</p>"
         )
     verdict = (
-        '<p class="good">Sound: every file has its checksum, and every view is what rays cast '
-        "through the mesh see.</p>"
+        '<p class="good">Sound when it was verified: every file had its checksum, and every view '
+        "was what rays cast through the mesh see.</p>"
         if proof.ok
         else f'<p class="bad">{len(proof.breaches)} breaches</p><ul>'
         + "".join(f"<li>{escape(line)}</li>" for line in proof.breaches[:100])
@@ -219,13 +248,16 @@ def _proof(proof: Report | None) -> str:
 def _histogram_places(counts: list[dict[str, Any]]) -> str:
     if not counts:
         return "<p>There is no subject to measure.</p>"
-    read, lost = (sum(of[name] for of in counts) for name in ("read", "lost"))
-    squares = sum(of["squares"] for of in counts)
+    read, lost, measured = (sum(of[name] for of in counts) for name in ("read", "lost", "measured"))
+    spread = (sum(of["squares"] for of in counts) / max(measured, 1)) ** 0.5
     said = (
         f"Depths, thickness and residuals of up to {SAMPLED} views of each subject; yaw and "
         f"coverage of all. The sensor read {read:,} pixels of the subjects and lost {lost:,} "
-        f"({lost / max(read + lost, 1):.1%}); its residuals have a standard deviation of "
-        f"{(squares / max(read, 1)) ** 0.5:.2f} of their model's."
+        f"({lost / max(read + lost, 1):.1%}). "
+    ) + (
+        f"Its residuals have a standard deviation of {spread:.2f} of their model's."
+        if measured
+        else "There are no residuals: the sensor has no noise, or its model is not known here."
     )
     plots = "".join(
         f'<div class="plot" id="histogram-{one["name"]}" role="img" '

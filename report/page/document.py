@@ -14,7 +14,7 @@ from plotly.offline import get_plotlyjs
 
 from storage.files import open_file
 
-# What the page may do, should a subject's name or a reason hold what a browser would run.
+# A page fetches nothing, whatever a subject's name or a reason may hold.
 _POLICY = (
     "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; "
     "script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
@@ -24,7 +24,7 @@ _POLICY = (
 def document(
     title: str,
     body: str,
-    records: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
+    records: Mapping[str, Any] | None = None,
     script: str | None = None,
 ) -> str:
     """A whole page.
@@ -35,7 +35,6 @@ def document(
         records: id -> JSON-ready value, which the script reads when it needs it.
         script: a file beside this one, that makes the page answer; plotly comes with it.
     """
-    pairs = records.items() if isinstance(records, Mapping) else records
     parts = [
         "<!doctype html>",
         '<html lang="en">',
@@ -50,7 +49,7 @@ def document(
     ]
     parts += [
         f'<script type="application/json" id="{escape(name)}">{_inert(value)}</script>'
-        for name, value in pairs
+        for name, value in (records or {}).items()
     ]
     if script is not None:
         # As text: a browser takes a third of a second to read it, and only what is drawn needs it.
@@ -86,6 +85,7 @@ def embedded(picture: Path, words: str) -> str:
 
 def section(title: str, name: str, body: str) -> str:
     """A part of the page under a heading that can be linked to."""
+    name = escape(name)
     return (
         f'<section id="{name}" aria-labelledby="{name}-title">'
         f'<h2 id="{name}-title">{escape(title)}</h2>{body}</section>'

@@ -12,12 +12,22 @@ from storage.files import open_file
 
 HISTORY, PICTURE = "history.jsonl", "test.png"
 
-UNITS = {
+PLOTS = {
     "loss": ("Losses", "of the training views"),
-    "depth": ("Depth on test views", "mean error, mm"),
-    "normal": ("Normals on test views", "mean error, degrees"),
+    "mm": ("Depth on test views", "mean error, mm"),
+    "deg": ("Normals on test views", "mean error, degrees"),
+    "ratio": ("Errors over those of what was given", "ratio"),
+    "time": ("Time", "seconds, or the share that waited for data"),
 }
-"""First part of a figure's name -> title and unit of the plot that it stands in."""
+"""Kind of figure -> title and unit of the plot that it stands in."""
+
+
+def kind_of(name: str) -> str:
+    """Of a figure, by its name: "loss_depth" is a loss, "given_mm" millimetres."""
+    if name.startswith("loss_"):
+        return "loss"
+    last = name.rpartition("_")[2]
+    return last if last in ("mm", "deg", "ratio") else "time"
 
 
 def is_training(folder: Path) -> bool:
@@ -34,13 +44,12 @@ def page(folder: Path) -> str:
     history = _read(folder / HISTORY)
     curves: dict[str, dict[str, list[float | None]]] = {}
     for name in history[-1]:
-        kind = name.partition("_")[0]
-        curves.setdefault(kind, {})[name] = [epoch.get(name) for epoch in history]
+        curves.setdefault(kind_of(name), {})[name] = [epoch.get(name) for epoch in history]
     plots = [
         {
             "name": kind,
-            "title": UNITS.get(kind, (kind.capitalize(), ""))[0],
-            "unit": UNITS.get(kind, ("", ""))[1],
+            "title": PLOTS[kind][0],
+            "unit": PLOTS[kind][1],
             "lines": lines,
         }
         for kind, lines in curves.items()

@@ -26,6 +26,10 @@ def write(folder: Path, output: Path | None, view: int | None, jobs: int | None)
         ValueError: the folder holds none of these.
         OSError: the page cannot be written.
     """
+    output = output or folder / NAME
+    output.parent.mkdir(parents=True, exist_ok=True)
+    if not os.access(output.parent, os.W_OK):  # before an hour's work, and not after it
+        raise ValueError(f"{output.parent} cannot be written; give another place with --output")
     jobs = jobs or len(os.sched_getaffinity(0))
     if (folder / DOCUMENT).is_file():
         text = dataset.page(folder, view, jobs)
@@ -39,8 +43,6 @@ def write(folder: Path, output: Path | None, view: int | None, jobs: int | None)
         raise ValueError(
             f"{folder} holds no dataset, sweep, training or experiment; give the folder of one"
         )
-    output = output or folder / NAME
-    output.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(output) as file:
         file.write(text.encode(errors="backslashreplace"))
     return output

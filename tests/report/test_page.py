@@ -14,9 +14,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from augment import sensors
 from benchmarks.browser import browser as headless
 from benchmarks.browser import chromium
 from pipeline import main
+from report.page.measure import counts
 from report.page.shown import Fineness
 from shards.archive import Shard, write_shard
 from shards.checksum import file_sha256
@@ -24,7 +26,14 @@ from shards.dataset import Dataset, DatasetWriter
 from shards.proof import PROOF, read_proof
 from shards.sweep import power_folder, write_index
 from shards.verify import verify
-from tests.shards.conftest import CONFIG, closed_form_arrays, closed_form_meta, write_surfaces
+from tests.shards.conftest import (
+    CONFIG,
+    HEIGHT,
+    WIDTH,
+    closed_form_arrays,
+    closed_form_meta,
+    write_surfaces,
+)
 
 HOSTILE = "it <b>is</b> </script><img src=x onerror=\"document.title='run'\"> & broken"
 COUNT = 30
@@ -228,7 +237,7 @@ def test_the_proof_is_of_the_dataset_as_it_stands(tmp_path, show):
     assert (kept.breaches, kept.figures) == (made.breaches, made.figures)
     page = show(report(folder))
     said = page.locator("#proof").inner_text()
-    assert "Sound: every file has its checksum" in said
+    assert "Sound when it was verified" in said
     assert "The worst of 1 subjects" in said
     assert "proof: 0 pixels of the silhouette off" in page.locator(".card").inner_text()
     manifest = folder / "manifest.jsonl"
@@ -248,13 +257,18 @@ def test_what_is_unsound_is_told(folder, show):
 
 
 def test_a_training_s_curves(tmp_path, show):
-    epochs = [{"loss_depth": 1 / k, "depth_mm": 5.0 / k, "seconds": 3.0} for k in range(1, 6)]
+    epochs = [
+        {"loss_depth": 1 / k, "given_mm": 6.0, "depth_mm": 5.0 / k, "depth_ratio": 5 / 6 / k}
+        for k in range(1, 6)
+    ]
     (tmp_path / "history.jsonl").write_text("".join(json.dumps(e) + "\n" for e in epochs))
     Image.new("RGB", (300, 200), (10, 200, 10)).save(tmp_path / "test.png")
     page = show(report(tmp_path))
-    page.wait_for_selector("#curve-depth .main-svg")
+    page.wait_for_selector("#curve-ratio .main-svg")
     drawn = page.locator("#curve-loss").evaluate("plot => plot.data[0].y")
     assert drawn == [epoch["loss_depth"] for epoch in epochs]
+    named = page.locator("#curve-mm").evaluate("plot => plot.data.map(one => one.name)")
+    assert named == ["given_mm", "depth_mm"]
     assert "5 epochs" in page.locator("header").inner_text()
     assert re.search(r"depth_mm\s+1\s+1", page.locator("#figures").inner_text())
     np.testing.assert_allclose(picture(page, "img.picture")[100, 100], (10, 200, 10), atol=3)
@@ -312,7 +326,94 @@ def test_a_sweep_s_powers(build, show, tmp_path):
 
 @pytest.mark.parametrize("count", [1, 100, 150, 151, 500, 1000])
 def test_more_subjects_are_shown_more_coarsely(count):
-    assert Fineness.of(count).scale >= Fineness.of(count + 1).scale
+    assert Fineness.of(count, 424).scale >= Fineness.of(count + 1, 424).scale
+    assert Fineness.of(count, 848).scale == Fineness.of(count, 424).scale / 2
+    assert Fineness.of(count, 848).step == Fineness.of(count, 424).step * 2
+
+
+@pytest.mark.parametrize(("views", "measured"), [(1, 1), (2, 2), (3, 3), (14, 4)])
+def test_residuals_are_of_the_view_shown_and_of_three_others(tmp_path, views, measured):
+    arrays = closed_form_arrays(1)
+    arrays = {name: np.concatenate([array] * views) for name, array in arrays.items()}
+    meta = closed_form_meta("box", views) | {"sensor": {"model": "normalgan", "distance": 2.0}}
+    shard_path = tmp_path / "box.npz"
+    mask = arrays["mask"]
+    for i in range(views):
+        maps = {n: arrays[n][i] for n in ("depth_front", "normal_front", "rgb_front", "mask")}
+        arrays["depth_sensor"][i] = sensors.read(maps, meta, i).depth
+    arrays["depth_sensor"][0][np.argwhere(mask[0])[0][0]] = 0
+    write_shard(shard_path, arrays, meta)
+    found = counts(Shard(shard_path), 0)
+    row = mask[0][np.argwhere(mask[0])[0][0]].sum()
+    assert found["read"] == measured * mask[0].sum() - row
+    assert found["lost"] == row
+    assert found["measured"] == sum(found["residual"]) == found["read"]
+    assert found["squares"] / found["measured"] == pytest.approx(1, abs=0.1)
+    assert sum(found["thickness"]) == measured * mask[0].sum()
+    assert sum(found["depth"]) == 2 * measured * mask[0].sum()
+
+
+def test_a_sensor_without_a_model_has_no_residuals(folder, show):
+    page = show(report(folder))
+    said = page.locator("#histograms").inner_text()
+    assert "lost 0 (0.0%)" in said
+    assert "There are no residuals" in said
+
+
+def test_of_a_damaged_dataset_all_else_is_shown(build, show):
+    names = [f"box_{k}" for k in range(5)]
+    folder = build({name: {} for name in names})
+    shards = folder / "shards"
+    (shards / "box_0.npz").unlink()
+    (shards / "box_1.npz").write_bytes(b"torn")
+    for name, change in (("box_2", {"mask": False}), ("box_3", {"depth_front": np.nan})):
+        shard = Shard(shards / f"{name}.npz")
+        arrays = {n: np.array(shard[n]) for n in shard.names}
+        for member, value in change.items():
+            arrays[member][:] = value
+        write_shard(shards / f"{name}.npz", arrays, shard.meta)
+    page = show(report(folder))
+    assert cards(page) == names
+    page.select_option("#split", "failed")
+    assert cards(page) == names[:4]
+    assert "view 0 shows nothing" in page.locator(".card").nth(2).inner_text()
+
+
+def test_a_dataset_of_failures_alone(build, show):
+    folder = build({"broken": {"failed": HOSTILE}})
+    page = show(report(folder))
+    assert cards(page) == ["broken"]
+    page.locator("#histograms").scroll_into_view_if_needed()
+    assert "There is no subject to measure" in page.locator("#histograms").inner_text()
+    page.wait_for_timeout(300)
+
+
+def test_what_is_asked_for_last_is_drawn(build, show):
+    """Though what was asked for first takes longer; and a black picture is one."""
+    folder = build({"dark": {"maps": {"rgb_front": np.zeros((HEIGHT, WIDTH, 3))}}, "light": {}})
+    page = show(report(folder))
+    opens = "document.querySelectorAll('.card button')"
+    page.evaluate(
+        f"{opens}[0].click(); document.getElementById('kind').value = 'sensor';"
+        "document.getElementById('kind').dispatchEvent(new Event('change'));"
+    )
+    page.wait_for_selector('#solid[data-drawn="dark sensor"]')
+    page.wait_for_timeout(500)
+    kinds = page.locator("#solid").evaluate("plot => plot.data.map(one => one.type)")
+    assert kinds == ["scatter3d"]
+    page.click("#close")
+    page.evaluate(f"{opens}[1].click(); document.getElementById('right').click();")
+    page.evaluate("document.getElementById('close').click()")
+    page.wait_for_timeout(500)
+    page.evaluate("document.getElementById('kind').value = 'surface'")
+    page.evaluate(f"{opens}[0].click()")
+    page.wait_for_selector('#solid[data-drawn="dark surface"]')
+
+
+def test_a_folder_that_cannot_be_written_is_told_first(folder, capsys, monkeypatch):
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    assert main(["report", str(folder)]) == 2
+    assert "give another place with --output" in capsys.readouterr().err
 
 
 def test_what_is_none_is_told_in_one_line(tmp_path, capsys):
