@@ -371,7 +371,7 @@ def _verify(parser: ArgumentParser, parsed: Any) -> int:
     """Prove a dataset again: checksums, schema, and depth against an independent ray cast."""
     from engine.progress import Progress
     from shards.dataset import Dataset
-    from shards.proof import manifest_sha256, write_proof
+    from shards.proof import Proof
     from shards.sweep import base_folder, is_sweep, read_index
     from shards.verify import verify, verify_sweep
 
@@ -381,8 +381,12 @@ def _verify(parser: ArgumentParser, parsed: Any) -> int:
             subjects = len(Dataset(base_folder(folder)))
             progress = Progress("verify", subjects * (1 + len(read_index(folder))))
             _on_interrupt(signal.default_int_handler)
+            places = [base_folder(folder), *read_index(folder).values()]
+            proofs = {os.path.normpath(place): Proof.begin(place) for place in places}
             reports = verify_sweep(folder, progress.step)
             progress.close()
+            for place, report in reports.items():
+                proofs[os.path.normpath(place)].end(report)
             (base, proof), *powers = reports.items()
             print(f"{base}\n{proof.table()}")
             for name, report in powers:
@@ -392,12 +396,10 @@ def _verify(parser: ArgumentParser, parsed: Any) -> int:
             return FAILURES if wrong else DONE
         progress = Progress("verify", len(Dataset(folder)))
     _on_interrupt(signal.default_int_handler)
-    dataset = Dataset(folder)
-    sha256 = manifest_sha256(dataset)
+    under_way = Proof.begin(folder)
     report = verify(folder, progress.step)
     progress.close()
-    if write_proof(dataset, report, sha256) is None:
-        sys.stderr.write(f"{folder} cannot be written: the report will not know of this proof\n")
+    under_way.end(report)
     # What is wrong is told of the place that was given, and not of the copy of it here.
     print(report.table().replace(str(folder), parsed.verify.data.rstrip("/")))
     return DONE if report.ok else FAILURES

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,35 +19,49 @@ PROOF = "verify.json"
 """No part of the dataset: it says of which manifest it speaks, and of another it says nothing."""
 
 
-def write_proof(dataset: Dataset, report: Report, manifest_sha256: str) -> Path | None:
-    """Keep a report in the dataset's folder; None where that cannot be written.
+@dataclass(frozen=True)
+class Proof:
+    """A proof that is under way.
 
-    Args:
-        manifest_sha256: as it was before the proof began: a build may add to it meanwhile.
+    Attributes:
+        folder: the dataset's.
+        manifest_sha256: of what is proven: a build may add to it meanwhile. None of no manifest.
     """
-    record = {
-        "manifest_sha256": manifest_sha256,
-        "breaches": report.breaches,
-        "figures": {
-            # JSON has no number that is none.
-            subject: {
-                name: float(value) if math.isfinite(value) else None for name, value in of.items()
-            }
-            for subject, of in report.figures.items()
-        },
-    }
-    path = dataset.folder / PROOF
+
+    folder: Path
+    manifest_sha256: str | None
+
+    @classmethod
+    def begin(cls, folder: Path) -> Proof:
+        """Before anything is read."""
+        return cls(folder, _manifest_sha256(folder))
+
+    def end(self, report: Report) -> None:
+        """Keep what was found in the dataset's folder; says so on stderr where it cannot."""
+        record = {
+            "manifest_sha256": self.manifest_sha256,
+            "breaches": report.breaches,
+            "figures": {
+                # JSON has no number that is none.
+                subject: {name: float(v) if math.isfinite(v) else None for name, v in of.items()}
+                for subject, of in report.figures.items()
+            },
+        }
+        try:
+            with atomic_write(self.folder / PROOF) as file:
+                file.write(json.dumps(record, indent=1, allow_nan=False).encode() + b"\n")
+        except OSError as error:
+            sys.stderr.write(
+                f"{self.folder / PROOF} cannot be written ({error.strerror}): a report will not "
+                "know of this proof\n"
+            )
+
+
+def _manifest_sha256(folder: Path) -> str | None:
     try:
-        with atomic_write(path) as file:
-            file.write(json.dumps(record, indent=1, allow_nan=False).encode() + b"\n")
+        return file_sha256(folder / MANIFEST)
     except OSError:
         return None
-    return path
-
-
-def manifest_sha256(dataset: Dataset) -> str:
-    """What a proof of the dataset is of."""
-    return file_sha256(dataset.folder / MANIFEST)
 
 
 def read_proof(dataset: Dataset) -> Report | None:
@@ -53,7 +69,7 @@ def read_proof(dataset: Dataset) -> Report | None:
     try:
         with open_file(dataset.folder / PROOF) as file:
             record: Any = json.loads(file.read())
-        if record["manifest_sha256"] != manifest_sha256(dataset):
+        if record["manifest_sha256"] != _manifest_sha256(dataset.folder):
             return None
         figures = {
             str(subject): {

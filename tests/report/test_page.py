@@ -320,8 +320,11 @@ def test_a_sweep_s_powers(build, show, tmp_path):
     )
     np.testing.assert_allclose(bright, (200, 120, 40), atol=6)
     np.testing.assert_allclose(dark, (10, 6, 2), atol=6)
+    assert main(["verify", str(folder)]) == 1  # the boxes' surfaces are none
     own = show(report(folder / power_folder(100.0)))  # which is a dataset too
     assert cards(own) == ["box_0", "box_1"]
+    assert "Nobody has proven" not in own.locator("#proof").inner_text()
+    assert read_proof(base) is not None
 
 
 @pytest.mark.parametrize("count", [1, 100, 150, 151, 500, 1000])
