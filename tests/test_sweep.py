@@ -96,11 +96,12 @@ def swept(data) -> Path:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Every file of a sweep but for the manifests, which tell seconds, by its place."""
+    """Every file of a sweep by its place, but for the manifests, which tell seconds, and what
+    `verify` has left."""
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in sorted([*folder.glob("*W/*.*"), *folder.glob("*W/shards/*")])
-        if path.is_file() and path.name not in ("manifest.jsonl", ".lock")
+        if path.is_file() and path.name not in ("manifest.jsonl", ".lock", "verify.json")
     }
 
 
