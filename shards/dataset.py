@@ -447,7 +447,7 @@ class Dataset:
     @property
     def place(self) -> str:
         """Where it lies, for people: its folder, or its URL."""
-        return str(self.folder) if self._mirror is None else self._mirror.store.url
+        return self.url or str(self.folder)
 
     @property
     def url(self) -> str | None:

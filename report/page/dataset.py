@@ -58,14 +58,16 @@ def page(folder: Path, view: int | None, jobs: int) -> str:
     faults = {subject: one["reason"] for subject, one in tried.items() if "reason" in one}
     proof = read_proof(dataset)
     name = Path(dataset.place).name or dataset.place
+    histograms = list(_histograms(list(counts.values()))) if counts else []
     index = {
         "words": TITLES,
         "subjects": [*_cards(dataset, faults, proof), *_failures(dataset)],
-        "histograms": list(_histograms(list(counts.values()))) if counts else [],
+        "histograms": histograms,
     }
     order = {subject: k for k, subject in enumerate(paths)}
     records = {f"subject-{order[subject]}": one for subject, one in found.items()}
-    body = _body(dataset, name, list(found.values()), list(counts.values()), proof)
+    measured = _measured(histograms, list(counts.values()))
+    body = _body(dataset, name, list(found.values()), measured, proof)
     return document(f"{name}: report", body, {"index": index, **records}, "dataset.js")
 
 
@@ -118,10 +120,10 @@ def _histograms(counts: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     """What the page draws: values of bins from `first` on, each `width` wide."""
 
     def total(name: str) -> list[int]:
-        return np.sum([of[name] for of in counts], axis=0).tolist() if counts else [0]
+        return np.sum([of[name] for of in counts], axis=0).tolist()
 
     def binned(name: str, low: float, high: float, width: float) -> list[int]:
-        values = np.concatenate([of[name] for of in counts]) if counts else np.zeros(0)
+        values = np.concatenate([of[name] for of in counts])
         return np.histogram(values, np.arange(low, high + width / 2, width))[0].tolist()
 
     yield {
@@ -172,7 +174,7 @@ def _body(
     dataset: Dataset,
     name: str,
     found: list[dict[str, Any]],
-    counts: list[dict[str, Any]],
+    measured: str,
     proof: Report | None,
 ) -> str:
     failures = dataset.failures
@@ -187,7 +189,7 @@ def _body(
         section("Summary", "summary", _summary(dataset, found)),
         section("Proof", "proof", _proof(proof)),
         section("Gallery", "gallery", _GALLERY),
-        section("Histograms", "histograms", _histogram_places(counts)),
+        section("Histograms", "histograms", measured),
         section("Failures", "failures", _failure_table(failures)),
         "</main>",
         _DIALOG,
@@ -245,7 +247,8 @@ def _proof(proof: Report | None) -> str:
     return verdict + table(("", "seen", "bound"), rows, caption)
 
 
-def _histogram_places(counts: list[dict[str, Any]]) -> str:
+def _measured(histograms: list[dict[str, Any]], counts: list[dict[str, Any]]) -> str:
+    """What the sensor did, in words, and the places where the page draws the histograms."""
     if not counts:
         return "<p>There is no subject to measure.</p>"
     read, lost, measured = (sum(of[name] for of in counts) for name in ("read", "lost", "measured"))
@@ -262,7 +265,7 @@ def _histogram_places(counts: list[dict[str, Any]]) -> str:
     plots = "".join(
         f'<div class="plot" id="histogram-{one["name"]}" role="img" '
         f'aria-label="Histogram: {escape(one["title"])}, {escape(one["unit"])}"></div>'
-        for one in _histograms(counts)
+        for one in histograms
     )
     return f'<p>{said}</p><div class="plots">{plots}</div>'
 

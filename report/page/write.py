@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from joblib import cpu_count
+
 from report.page import dataset, experiment, sweep, training
 from shards.dataset import DOCUMENT
 from shards.sweep import is_sweep
@@ -30,7 +32,7 @@ def write(folder: Path, output: Path | None, view: int | None, jobs: int | None)
     output.parent.mkdir(parents=True, exist_ok=True)
     if not os.access(output.parent, os.W_OK):  # before an hour's work, and not after it
         raise ValueError(f"{output.parent} cannot be written; give another place with --output")
-    jobs = jobs or len(os.sched_getaffinity(0))
+    jobs = jobs or cpu_count()
     if (folder / DOCUMENT).is_file():
         text = dataset.page(folder, view, jobs)
     elif is_sweep(folder):
