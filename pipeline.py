@@ -47,6 +47,9 @@ def main(arguments: list[str] | None = None) -> int:
             "`make demo` and then `. .venv/bin/activate`\n"
         )
         return WRONG
+    except ImportError as error:
+        sys.stderr.write(f"error: {error}\n")
+        return WRONG
 
 
 def _run(given: list[str]) -> int:

@@ -2,9 +2,7 @@
 
 python pipeline.py build --config configs/open.yaml --sensor examples.new_sensor.Stereo \
     --sensor.baseline 0.12 --output out/stereo
-
-A program that reads the sensor again from the shards (`augment.sensors.read`) imports this file
-first, so that the model's name is known.
+RECTOVERSO_SENSORS=examples.new_sensor python pipeline.py report out/stereo
 """
 
 from __future__ import annotations
@@ -56,4 +54,5 @@ class Stereo(Sensor):
         return Reading(view.on_map(depth), view.on_map(valid), view.on_map(sigma))
 
 
+# By its name in a shard's meta it is found from here on.
 SENSORS[Stereo.name] = Stereo

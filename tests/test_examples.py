@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +14,6 @@ import numpy as np
 import pytest
 import trimesh
 
-import examples.new_sensor
 from augment import sensors
 from engine.tasks import read_subject, subject_folder
 from shards.dataset import Dataset
@@ -21,12 +23,26 @@ from tests.test_survival import write_scans
 ROOT = Path(__file__).parents[1]
 
 
-def run(*arguments: object) -> str:
-    """What a Python command says that ends well."""
-    command = [sys.executable, *map(str, arguments)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+def run(*arguments: object, fails: bool = False, **environment: str) -> str:
+    """What a Python command says that ends well; or, of one that `fails`, its errors."""
+    done = subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, **environment},
+    )
+    assert (done.returncode != 0) == fails, done.stderr
+    return done.stderr if fails else done.stdout
+
+
+@pytest.fixture
+def stereo(monkeypatch):
+    """The new sensor is known, as in a process of its own, until the test ends."""
+    monkeypatch.setattr(sensors, "SENSORS", sensors.SENSORS.copy())
+    monkeypatch.delitem(sys.modules, "examples.new_sensor", raising=False)
+    return importlib.import_module("examples.new_sensor").Stereo
 
 
 @pytest.fixture(scope="module")
@@ -51,9 +67,9 @@ def test_a_new_source_is_as_good_as_the_others(vases):
     np.testing.assert_allclose(heights, 1.6, atol=0.01)
 
 
-def test_a_new_sensor_is_read_again_by_its_model(vases):
+def test_a_new_sensor_is_read_again_by_its_model(vases, stereo):
     shard = Dataset(vases).shard("vase_0001")
-    assert shard.meta["sensor"]["model"] == examples.new_sensor.Stereo.name
+    assert shard.meta["sensor"]["model"] == stereo.name
     view = shard.view(1)
     again = sensors.read(view, shard.meta, 1)
     assert np.array_equal(again.depth, view["depth_sensor"])
@@ -63,6 +79,32 @@ def test_a_new_sensor_is_read_again_by_its_model(vases):
     # A step of a sixteenth of a pixel adds its own part to a noise of a tenth.
     assert z.std() == pytest.approx(np.sqrt(1 + (1 / 16) ** 2 / 12 / 0.1**2), abs=0.02)
     assert len(np.unique(again.depth[mask])) < 200
+
+
+def test_commands_find_a_new_sensor_where_they_are_told(vases, tmp_path):
+    """In all their processes; and who does not tell them is told."""
+    known = {"RECTOVERSO_SENSORS": "examples.new_sensor"}
+    page = tmp_path / "page.html"
+    report = ("pipeline.py", "report", vases, "--output", page, "--jobs", 2)
+    run(*report)
+    assert "There are no residuals" in page.read_text()
+    run(*report, **known)
+    spread = re.search(r"residuals have a standard deviation of (\S+) of", page.read_text())
+    assert spread is not None
+    assert float(spread[1]) == pytest.approx(1.02, abs=0.02)
+    train = (
+        *("pipeline.py", "train", "--config", "configs/train_front_cpu.yaml", "--data", vases),
+        *("--epochs", 1, "--batch", 2, "--views.size", "[32, 32]", "--output"),
+    )
+    said = run(*train, tmp_path / "unknown", fails=True)
+    assert said.startswith("error: sensor 'stereo' is no model; known: normalgan")
+    assert "train with --views.noise stored" in said
+    assert said.count("\n") == 1
+    said = run(*train, tmp_path / "wrong", fails=True, RECTOVERSO_SENSORS="examples.newsensor")
+    assert said == (
+        "error: RECTOVERSO_SENSORS names examples.newsensor: No module named 'examples.newsensor'\n"
+    )
+    assert "1 epochs in" in run(*train, tmp_path / "known", **known)
 
 
 def test_a_new_pass_lies_on_the_depth(tmp_path):

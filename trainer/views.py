@@ -105,7 +105,8 @@ class Views(TorchDataset):
         seed: of the variation.
 
     Raises:
-        ValueError: the folder holds no dataset, or the split no subject.
+        ValueError: the folder holds no dataset, the split no subject, or its sensor, whose noise is
+            to be redrawn, is not known here.
     """
 
     def __init__(
@@ -124,6 +125,22 @@ class Views(TorchDataset):
             )
         self._shards = [self.dataset.shard(subject) for subject in self.subjects]
         self._first = np.cumsum([0, *(len(shard) for shard in self._shards)])
+        if varied and config.noise == "redrawn":
+            self._ask_for_sensor()
+
+    def _ask_for_sensor(self) -> None:
+        """Before an epoch is under way.
+
+        Raises:
+            ValueError: the first subject's sensor is no model that is known here.
+        """
+        shard = self._shards[0]
+        try:
+            sensors.sensor_in((shard.base or shard).meta)
+        except ValueError as error:
+            raise ValueError(f"{error}, or train with --views.noise stored") from error
+        finally:
+            shard.close()
 
     def __len__(self) -> int:
         """How many views there are."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import os
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
@@ -22,15 +24,31 @@ SENSORS: dict[str, type[Sensor]] = {
 }
 """Every model by its name."""
 
+MODULES = "RECTOVERSO_SENSORS"
+"""The environment variable that names modules with sensors of one's own, separated by commas: every
+process of a command finds them by it, and a dataset never says what is imported."""
+
 
 def sensor_of(name: str, **parameters: Any) -> Sensor:
-    """The sensor that a shard's meta names: `sensor_of(**{"name": "kinect_v2", "noise": 1.0})`.
+    """A sensor by its model's name: `sensor_of("kinect_v2", noise=1.0)`.
+
+    A model of one's own is known after its import, which `MODULES` asks for.
 
     Raises:
         ValueError: no model has that name, or a parameter is out of bounds.
+        ImportError: what `MODULES` names cannot be imported.
     """
     if name not in SENSORS:
-        raise ValueError(f"sensor '{name}' is no model; known: {', '.join(SENSORS)}")
+        for module in filter(None, os.environ.get(MODULES, "").split(",")):
+            try:
+                importlib.import_module(module)
+            except ImportError as error:
+                raise ImportError(f"{MODULES} names {module}: {error}") from error
+    if name not in SENSORS:
+        raise ValueError(
+            f"sensor '{name}' is no model; known: {', '.join(SENSORS)} (of a sensor of your own, "
+            f"name the module in {MODULES})"
+        )
     known = [field.name for field in fields(SENSORS[name])]
     for parameter in parameters:
         if parameter not in known:
@@ -38,6 +56,11 @@ def sensor_of(name: str, **parameters: Any) -> Sensor:
                 f"sensor '{name}' has no parameter '{parameter}'; it has {', '.join(known)}"
             )
     return SENSORS[name](**parameters)
+
+
+def sensor_in(meta: Mapping[str, Any]) -> Sensor:
+    """The sensor that a shard's meta names, as `sensor_of`."""
+    return sensor_of(**{"name" if k == "model" else k: v for k, v in meta["sensor"].items()})
 
 
 def read(
@@ -70,11 +93,8 @@ def read(
         raise ValueError(
             "the sensor read the colours of the shard's base; give the view and meta of shard.base"
         )
-    sensor = sensor_of(
-        **{"name" if key == "model" else key: v for key, v in meta["sensor"].items()}
-    )
     camera = meta["camera"]
-    return sensor.sense(
+    return sensor_in(meta).sense(
         view["depth_front"],
         view["normal_front"],
         view["rgb_front"],
@@ -85,6 +105,7 @@ def read(
 
 
 __all__ = [
+    "MODULES",
     "SENSORS",
     "AzureKinect",
     "Grid",
@@ -95,5 +116,6 @@ __all__ = [
     "Sensor",
     "TimeOfFlight",
     "read",
+    "sensor_in",
     "sensor_of",
 ]

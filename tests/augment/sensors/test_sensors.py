@@ -16,7 +16,7 @@ import pytest
 from scipy import stats
 
 import seeds
-from augment.sensors import SENSORS, Grid, NormalGAN, read, sensor_of
+from augment.sensors import MODULES, SENSORS, Grid, NormalGAN, read, sensor_of
 from augment.sensors.view import View
 
 GRID = Grid(pixel_size=0.005, distance=2.0)
@@ -562,7 +562,15 @@ class TestRefused:
 
     def test_unknown_names_are_told_the_known_ones(self) -> None:
         known = "normalgan, kinect_v2, tof, kinect_v1, azure"
-        with pytest.raises(ValueError, match=f"^sensor 'kinect_v3' is no model; known: {known}$"):
+        with pytest.raises(ValueError, match=f"^sensor 'kinect_v3' is no model; known: {known} "):
+            sensor_of("kinect_v3")
+
+    def test_modules_of_ones_own_are_asked(self, monkeypatch) -> None:
+        monkeypatch.setenv(MODULES, "json,no.such_module")
+        with pytest.raises(ImportError, match=rf"^{MODULES} names no.such_module: No module"):
+            sensor_of("kinect_v3")
+        monkeypatch.setenv(MODULES, "json")
+        with pytest.raises(ValueError, match=f"own, name the module in {MODULES}"):
             sensor_of("kinect_v3")
 
     @pytest.mark.parametrize(
