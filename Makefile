@@ -25,9 +25,10 @@ lint: $(TESTABLE)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# The pictures in the README that come from the demo's dataset.
+# The pictures in the README and docs that come from the demo's dataset; the page's needs Chromium.
 picture: demo
 	$(BIN)/python -m report.sheet out/demo --subjects open_0000 open_0003 --output docs/demo.png
+	$(BIN)/python -m report.browser out/demo/report.html --height 760 --output docs/report.png
 	$(BIN)/python -m report.sensors out/demo --output docs/sensors.png
 	$(BIN)/python pipeline.py sweep --config configs/light_sweep.yaml --data out/demo --output out/sweep
 	$(BIN)/python -m report.powers out/sweep --output docs/light_sweep.png

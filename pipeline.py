@@ -604,7 +604,9 @@ def _add_report(parser: ArgumentParser) -> None:
         help="folder or URL of a dataset; folder of a sweep, an experiment or a training",
     )
     parser.add_argument(
-        "--output", type=str | None, help="the page (default: report.html in the folder)"
+        "--output",
+        type=str | None,
+        help="the page (default: report.html in the folder; of a URL, here)",
     )
     parser.add_argument(
         "--view",

@@ -17,7 +17,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.browser import browser
+from report.browser import browser
 from shards.archive import write_shard
 from shards.dataset import Dataset, DatasetWriter
 

@@ -58,6 +58,28 @@ def pictured(view: Mapping[str, np.ndarray], name: str, pixel_size: float) -> np
     return np.where(inside[..., None], image, PAPER).astype(np.uint8)
 
 
+def box_of(view: Mapping[str, np.ndarray]) -> tuple[slice, slice]:
+    """Rows and columns that hold the subject, and its body, which may leave the silhouette.
+
+    Args:
+        view: a shard's view, with `mask`, not empty, and `body_depth_back`.
+    """
+    seen = view["mask"] | (view["body_depth_back"] > 0)
+    return _extent(seen.any(axis=1)), _extent(seen.any(axis=0))
+
+
+def height_of(mask: np.ndarray, pixel_size: float) -> float:
+    """Metres of a silhouette that is not empty, raised hands included."""
+    rows = _extent(mask.any(axis=1))
+    return (rows.stop - rows.start) * pixel_size
+
+
+def _extent(used: np.ndarray) -> slice:
+    """From the first that is used to the last."""
+    places = np.flatnonzero(used)
+    return slice(int(places[0]), int(places[-1]) + 1)
+
+
 def _grey(image: np.ndarray) -> np.ndarray:
     return np.repeat(image[..., None], 3, axis=-1)
 

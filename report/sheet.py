@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from report import command
-from report.maps import PAPER, TITLES, pictured
+from report.maps import PAPER, TITLES, box_of, height_of, pictured
 from report.view import chosen
 from shards.dataset import Dataset
 
@@ -85,22 +85,21 @@ class _Crop:
     """What is drawn of one subject.
 
     Attributes:
-        box: left, top, right and bottom of its maps, pixels.
+        box: rows and columns of its maps.
         height: of the silhouette, metres.
         pixel_size: metres.
     """
 
     subject: str
     view: int
-    box: tuple[int, int, int, int]
+    box: tuple[slice, slice]
     height: float
     pixel_size: float
 
     def size(self, scale: float) -> tuple[int, int]:
         """Width and height of the box at `scale` pixels a metre."""
-        left, top, right, bottom = self.box
-        scale *= self.pixel_size
-        return max(round(scale * (right - left)), 1), max(round(scale * (bottom - top)), 1)
+        rows, columns = (scale * self.pixel_size * (side.stop - side.start) for side in self.box)
+        return max(round(columns), 1), max(round(rows), 1)
 
 
 def _page_size(crops: list[_Crop], scale: float, title: int) -> tuple[int, int]:
@@ -114,26 +113,21 @@ def _page_size(crops: list[_Crop], scale: float, title: int) -> tuple[int, int]:
 def _crop(dataset: Dataset, subject: str, view: int) -> _Crop:
     shard = dataset.shard(subject)
     index = chosen(shard, view)
-    mask, body = shard.view(index, ["mask", "body_depth_back"]).values()
-    if not mask.any():
+    maps = shard.view(index, ["mask", "body_depth_back"])
+    if not maps["mask"].any():
         raise ValueError(
             f"{subject} is not seen in view {index}; set --view, or --subjects without it"
         )
-    # The body may leave the silhouette.
-    seen = mask | (body > 0)
-    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
-    box = (int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
-    standing = np.flatnonzero(mask.any(axis=1))
     pixel_size = float(shard.meta["camera"]["pixel_size"])
-    height = float(standing[-1] + 1 - standing[0]) * pixel_size
-    return _Crop(subject, index, box, height, pixel_size)
+    height = height_of(maps["mask"], pixel_size)
+    return _Crop(subject, index, box_of(maps), height, pixel_size)
 
 
 def _pictures(dataset: Dataset, crop: _Crop, size: tuple[int, int]) -> Iterator[Image.Image]:
     """The columns of one row, each of `size`."""
     maps = dataset.shard(crop.subject).view(crop.view, ["mask", *COLUMNS])
     for name in COLUMNS:
-        picture = Image.fromarray(pictured(maps, name, crop.pixel_size)).crop(crop.box)
+        picture = Image.fromarray(pictured(maps, name, crop.pixel_size)[crop.box])
         yield picture if picture.size == size else picture.resize(size, Image.Resampling.LANCZOS)
 
 

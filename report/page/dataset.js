@@ -1,63 +1,47 @@
-"use strict";
-
 const PAGE = 12;
-
-const read = (id) => JSON.parse(document.getElementById(id).textContent);
-const at = (id) => document.getElementById(id);
 
 const index = read("index");
 const words = index.words;
 let found = [];
 let page = 0;
 
-/** An element with attributes and children; text stays text. */
-function make(tag, attributes = {}, ...children) {
-  const element = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
-  element.append(...children);
-  return element;
-}
-
-/** Plotly, read when something is first drawn. */
-function plotly() {
-  if (!window.Plotly) {
-    const script = make("script");
-    script.textContent = at("plotly").textContent;
-    document.head.append(script);
-  }
-  return window.Plotly;
-}
-
 /* ---- the gallery ---- */
 
-function choose() {
-  const split = at("split").value;
-  const asked = at("search").value.trim().toLowerCase();
-  found = index.subjects.filter(
-    (one) =>
-      (split === "all" || (split === "failed" ? one.reason !== undefined : one.split === split)) &&
-      one.id.toLowerCase().includes(asked),
-  );
-  page = 0;
-  show();
+/** Whether a subject is of what is chosen: all, a split, what was set aside, or a stage of it. */
+function fits(one, group) {
+  if (group === "all" || one.split === group) return true;
+  return one.reason !== undefined && (group === "failed" || group === `stage ${one.stage}`);
 }
 
-function show() {
+function choose() {
+  const group = at("group").value;
+  const asked = at("search").value.trim().toLowerCase();
+  const asks = (text) => text !== undefined && text.toLowerCase().includes(asked);
+  found = index.subjects.filter(
+    (one) => fits(one, group) && (asks(one.id) || asks(one.reason) || asks(one.stage)),
+  );
+  show(0);
+}
+
+/** The `number`-th page, or the one nearest to it. */
+function show(number) {
   const pages = Math.max(1, Math.ceil(found.length / PAGE));
+  page = Math.max(0, Math.min(pages - 1, number));
   const first = page * PAGE;
   const some = found.slice(first, first + PAGE);
   at("cards").replaceChildren(...some.map(card));
   const none = found.length === 0;
   at("where").textContent = none
     ? "no subject"
-    : `subjects ${first + 1} to ${first + some.length} of ${found.length}, page ${page + 1} of ${pages}`;
+    : `of ${pages}: subjects ${first + 1} to ${first + some.length} of ${found.length}`;
+  at("page").value = page + 1;
+  at("page").max = pages;
   at("previous").disabled = page === 0;
   at("next").disabled = page >= pages - 1;
 }
 
 function turn(by) {
-  page += by;
-  show();
+  show(page + by);
   // The end of the pages takes the focus from no one.
   if (at("next").disabled) at("previous").focus();
   else if (at("previous").disabled) at("next").focus();
@@ -101,12 +85,12 @@ function card(one) {
 /* ---- one subject in three dimensions ---- */
 
 let solid = null;
-let eye = 0;
+let eye; // degrees about and above the subject, and how far away
 let asked = 0; // what was asked for last: pictures take their time to decode
 
 function openSolid(id, record) {
   solid = { id, record };
-  eye = 0;
+  eye = { turn: 0, tilt: 4, far: 1.9 };
   at("solid-title").textContent = id;
   const kinds = at("kind");
   const has = record.solid.depths;
@@ -269,18 +253,31 @@ function proportions(traces) {
   return { x, y, z };
 }
 
-/** The viewer, from the front at 0. */
+/** The viewer, from the front where nothing is turned. */
 function place() {
-  const angle = (eye * Math.PI) / 180;
-  return { x: 1.9 * Math.sin(angle), y: -1.9 * Math.cos(angle), z: 0.15 };
+  const [turn, tilt] = [eye.turn, eye.tilt].map((angle) => (angle * Math.PI) / 180);
+  const across = eye.far * Math.cos(tilt);
+  return { x: across * Math.sin(turn), y: -across * Math.cos(turn), z: eye.far * Math.sin(tilt) };
 }
 
-function turnSolid(by) {
+function moveSolid(turn, tilt, nearer) {
   if (!at("solid").dataset.drawn) return;
-  eye = (eye + by + 360) % 360;
+  eye.turn = (eye.turn + turn + 360) % 360;
+  eye.tilt = Math.max(-80, Math.min(80, eye.tilt + tilt));
+  eye.far = Math.max(0.6, Math.min(4, eye.far / nearer));
   plotly().relayout("solid", { "scene.camera.eye": place() });
-  at("solid").dataset.eye = eye;
+  at("solid").dataset.eye = `${eye.turn} ${eye.tilt} ${eye.far.toFixed(2)}`;
 }
+
+/** What a key or a button does: degrees about, degrees above, how much nearer. */
+const MOVES = {
+  ArrowLeft: [-30, 0, 1],
+  ArrowRight: [30, 0, 1],
+  ArrowUp: [0, 20, 1],
+  ArrowDown: [0, -20, 1],
+  "+": [0, 0, 1.25],
+  "-": [0, 0, 0.8],
+};
 
 /* ---- histograms ---- */
 
@@ -298,17 +295,11 @@ function bars(id, values, first, width, title, unit, curve) {
   }
   const traces = [{ type: "bar", x, y, width, marker: { color: "#7aa2cf" }, name: "seen" }];
   if (curve) traces.push({ type: "scatter", mode: "lines", x, y: x.map(curve), line: { color: "#a4262c" }, name: "the model" });
-  const layout = {
-    margin: { l: 45, r: 10, t: 32, b: 40 },
-    title: { text: title, font: { size: 14 } },
-    xaxis: { title: { text: unit, font: { size: 12 } } },
-    yaxis: { title: { text: "density", font: { size: 12 } } },
+  plot(id, traces, title, unit, "density", {
     bargap: 0,
     showlegend: Boolean(curve),
     legend: { x: 0.99, xanchor: "right", y: 0.99 },
-    paper_bgcolor: "rgba(0,0,0,0)",
-  };
-  plotly().newPlot(id, traces, layout, { displaylogo: false, displayModeBar: false, responsive: true });
+  });
 }
 
 function drawHistograms() {
@@ -320,13 +311,21 @@ function drawHistograms() {
 
 /* ---- all together ---- */
 
-at("split").addEventListener("change", choose);
+at("group").addEventListener("change", choose);
 at("search").addEventListener("input", choose);
+at("page").addEventListener("change", () => show((Number.parseInt(at("page").value) || 1) - 1));
 at("previous").addEventListener("click", () => turn(-1));
 at("next").addEventListener("click", () => turn(1));
 at("kind").addEventListener("change", drawSolid);
-at("left").addEventListener("click", () => turnSolid(-30));
-at("right").addEventListener("click", () => turnSolid(30));
+for (const button of document.querySelectorAll("[data-move]")) {
+  button.addEventListener("click", () => moveSolid(...MOVES[button.dataset.move]));
+}
+at("solid").addEventListener("keydown", (event) => {
+  const move = MOVES[event.key];
+  if (!move || event.ctrlKey || event.metaKey || event.altKey) return;
+  event.preventDefault();
+  moveSolid(...move);
+});
 at("close").addEventListener("click", () => at("solid-dialog").close());
 at("solid-dialog").addEventListener("close", () => {
   asked++;

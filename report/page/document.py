@@ -54,7 +54,7 @@ def document(
     if script is not None:
         # As text: a browser takes a third of a second to read it, and only what is drawn needs it.
         parts.append(f'<script type="text/plain" id="plotly">{_closed(get_plotlyjs())}</script>')
-        parts.append(f"<script>{_asset(script)}</script>")
+        parts.append(f"<script>{_asset('plot.js')}\n{_asset(script)}</script>")
     return "\n".join([*parts, "</body></html>", ""])
 
 

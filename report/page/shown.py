@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from report.maps import TITLES, pictured
+from report.maps import TITLES, box_of, height_of, pictured
 from report.page.measure import counts
 from report.view import chosen
 from shards.archive import Shard, ShardError
@@ -74,11 +74,10 @@ def shown(path: Path, view: int | None, fineness: Fineness) -> dict[str, Any]:
         )
     pixel_size = float(shard.meta["camera"]["pixel_size"])
     box = box_of(maps)
-    rows = np.flatnonzero(maps["mask"].any(axis=1))
     return {
         "view": index,
         "yaw_deg": round(float(shard["yaw_deg"][index]), 2),
-        "height_m": round(float(rows[-1] + 1 - rows[0]) * pixel_size, 3),
+        "height_m": round(height_of(maps["mask"], pixel_size), 3),
         "size": [side.stop - side.start for side in box],
         "pictures": {
             name: picture(pictured(maps, name, pixel_size)[box], fineness)
@@ -91,16 +90,6 @@ def shown(path: Path, view: int | None, fineness: Fineness) -> dict[str, Any]:
         "licence": shard.meta["licence"],
         "sensor": shard.meta["sensor"]["model"],
     }
-
-
-def box_of(maps: dict[str, np.ndarray]) -> tuple[slice, slice]:
-    """Rows and columns that hold the subject, and its body, which may leave the silhouette."""
-    seen = maps["mask"] | (maps["body_depth_back"] > 0)
-    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
-    return (
-        slice(int(rows[0]), int(rows[-1]) + 1),
-        slice(int(columns[0]), int(columns[-1]) + 1),
-    )
 
 
 def picture(image: np.ndarray, fineness: Fineness) -> str:

@@ -2,65 +2,128 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 
-from report.maps import pictured
+from joblib import Parallel, delayed
+from tqdm import tqdm
+
+from report.maps import box_of, pictured
 from report.page.document import document, section, table
-from report.page.shown import Fineness, box_of, picture
+from report.page.failures import failure_section
+from report.page.proof import breach_list, verdict_of
+from report.page.shown import Fineness, picture
 from report.view import chosen
+from shards.archive import Shard, ShardError
 from shards.dataset import Dataset
+from shards.proof import read_proof
 from shards.sweep import base_folder, read_index
 
 PICTURES = 600
 """At most so many are on the page; of more, subjects are left out, evenly."""
 
 
-def page(folder: Path, view: int | None) -> str:
+def page(folder: Path, view: int | None, jobs: int) -> str:
     """A sweep's folder as one HTML file.
 
     Args:
         view: of each subject; None for the one turned least.
+        jobs: processes that read shards.
 
     Raises:
         DatasetError: the folder holds no sweep, or one of nothing.
+        ValueError: a subject has no such view.
     """
     powers = {power: Dataset(place) for power, place in read_index(folder).items()}
-    strongest = next(iter(powers.values()))
-    subjects = strongest.subjects()
+    # As they were photographed first; a power may have set some aside.
+    subjects = list(dict.fromkeys(one for dataset in powers.values() for one in dataset.manifest))
     most = max(1, PICTURES // len(powers))
     shown = subjects[:: -(-len(subjects) // most)] if subjects else []
-    rows = [
-        (f"{power:g} W", len(dataset), len(dataset.failures)) for power, dataset in powers.items()
+    work = Parallel(n_jobs=min(jobs, len(shown) or 1), return_as="generator")(
+        delayed(_pictures)(_shards(powers, subject), view) for subject in shown
+    )
+    bar = tqdm(work, "report", len(shown), leave=False, disable=not sys.stderr.isatty())
+    pictures = dict(zip(shown, bar, strict=True))
+    failures = [
+        (one["subject"], f"{power:g} W", one["stage"], one["reason"])
+        for power, dataset in powers.items()
+        for one in dataset.failures
     ]
-    summary = table(("power", "subjects", "set aside"), rows)
-    name = folder.resolve().name
-    parts = [
-        f"<header><h1>{escape(name)}</h1><p>Photographed: <code>"
-        f"{escape(str(base_folder(folder).resolve()))}</code>.</p></header><main>",
-        section("Powers", "powers", summary),
-    ]
-    gallery = [_subject(subject, powers, view) for subject in shown]
+    gallery = [_card(subject, found) for subject, found in pictures.items()]
     if len(shown) < len(subjects):
         gallery.insert(0, f"<p>{len(shown)} of {len(subjects)} subjects, spread evenly.</p>")
-    parts.append(section("Gallery", "gallery", "\n".join(gallery)) + "</main>")
+    name, base = folder.resolve().name, Dataset(base_folder(folder).resolve())
+    parts = [
+        f"<header><h1>{escape(name)}</h1><p>Photographed: <code>{escape(str(base.folder))}</code> "
+        f"({verdict_of(read_proof(base))}).</p></header><main>",
+        section("Powers", "powers", _powers(powers)),
+        section("Gallery", "gallery", "\n".join(gallery)),
+        section(
+            "Failures",
+            "failures",
+            failure_section(("subject", "power", "stage", "reason"), failures),
+        ),
+        "</main>",
+    ]
     return document(f"{name}: report", "\n".join(parts))
 
 
-def _subject(subject: str, powers: dict[float, Dataset], view: int | None) -> str:
-    """A card with the subject's front under each power."""
-    fineness = Fineness(0.5, 1, 75)
-    figures = []
-    for power, dataset in powers.items():
-        if subject not in dataset.manifest:
-            continue
-        shard = dataset.shard(subject)
-        maps = shard.view(chosen(shard, view), ["mask", "rgb_front", "body_depth_back"])
-        source = picture(pictured(maps, "rgb_front", 1.0)[box_of(maps)], fineness)
-        figures.append(
-            f'<figure><img loading="lazy" src="{source}" alt="{escape(subject)} at {power:g} W">'
-            f"<figcaption>{power:g} W</figcaption></figure>"
+def _powers(powers: Mapping[float, Dataset]) -> str:
+    """What each power holds, and what its proof found."""
+    proofs = {power: read_proof(dataset) for power, dataset in powers.items()}
+    rows = [
+        (f"{power:g} W", len(dataset), len(dataset.failures), verdict_of(proofs[power]))
+        for power, dataset in powers.items()
+    ]
+    parts = [table(("power", "subjects", "set aside", "proof"), rows)]
+    if None in proofs.values():
+        parts.append(
+            "<p>Run <code>python pipeline.py verify DIR</code>, then <code>report</code> again, to "
+            "have all of them proven.</p>"
         )
+    for power, proof in proofs.items():
+        if proof is not None and not proof.ok:
+            parts.append(f'<p class="bad">{power:g} W: {verdict_of(proof)}</p>')
+            parts.append(breach_list(powers[power], proof))
+    return "\n".join(parts)
+
+
+def _shards(powers: Mapping[float, Dataset], subject: str) -> dict[float, Path]:
+    return {
+        power: dataset.shard_path(subject)
+        for power, dataset in powers.items()
+        if subject in dataset.manifest
+    }
+
+
+def _pictures(shards: Mapping[float, Path], view: int | None) -> dict[float, str]:
+    """The front under each power as a data URL, or why it cannot be shown."""
+    fineness = Fineness(0.5, 1, 75)
+    found = {}
+    for power, path in shards.items():
+        try:
+            shard = Shard(path)
+            maps = shard.view(chosen(shard, view), ["mask", "rgb_front", "body_depth_back"])
+            if not maps["mask"].any():
+                raise ShardError(f"{path}: the view shows nothing")
+            found[power] = picture(pictured(maps, "rgb_front", 1.0)[box_of(maps)], fineness)
+        except (ShardError, OSError) as error:
+            found[power] = " ".join(str(error).split())
+    return found
+
+
+def _card(subject: str, found: Mapping[float, str]) -> str:
+    """The subject's front under each power."""
+    figures = []
+    for power, source in found.items():
+        shown = (
+            f'<img loading="lazy" src="{source}" alt="{escape(subject)} at {power:g} W">'
+            if source.startswith("data:")
+            else f'<p class="bad">{escape(source)}</p>'
+        )
+        figures.append(f"<figure>{shown}<figcaption>{power:g} W</figcaption></figure>")
     return (
         f'<article class="card"><header><h3>{escape(subject)}</h3></header>'
         f'<div class="maps">{"".join(figures)}</div></article>'

@@ -36,7 +36,7 @@ def write(folder: Path, output: Path | None, view: int | None, jobs: int | None)
     if (folder / DOCUMENT).is_file():
         text = dataset.page(folder, view, jobs)
     elif is_sweep(folder):
-        text = sweep.page(folder, view)
+        text = sweep.page(folder, view, jobs)
     elif training.is_training(folder):
         text = training.page(folder)
     elif experiment.is_experiment(folder):

@@ -1,0 +1,17 @@
+"""The part of a page that says what was set aside, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from report.page.document import table
+
+
+def failure_section(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """HTML of a table of what failed; a long one scrolls in a box of its own."""
+    if not rows:
+        return "<p>None: no subject was set aside.</p>"
+    return (
+        '<div class="long" role="region" aria-label="What was set aside" tabindex="0">'
+        f"{table(head, rows)}</div>"
+    )
