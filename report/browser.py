@@ -20,6 +20,9 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 QUIET = ["--no-sandbox", "--no-first-run", "--disable-background-networking", "--disable-sync"]
 QUIET += ["--disable-component-update", "--disable-quic", "--enable-unsafe-swiftshader"]
 
+WIDTH = 1280
+"""Pixels of a picture."""
+
 
 def chromium() -> str | None:
     """The path of Chromium, if it is installed."""
@@ -62,17 +65,19 @@ def photograph(page: Path, part: str, height: int, output: Path) -> None:
     if not page.is_file():
         raise FileNotFoundError(f"there is no {page}; make it with python pipeline.py report")
     with browser() as opened:
-        tab = opened.new_page(viewport={"width": 1280, "height": height})
+        tab = opened.new_page(viewport={"width": WIDTH, "height": height})
         tab.goto(page.resolve().as_uri())
-        place = tab.locator(f'section[id="{part}"]')
-        if not place.count():
+        place = tab.evaluate_handle("part => document.getElementById(part)", part).as_element()
+        if place is None:
             raise ValueError(f"{page} has no part '{part}'")
-        place.evaluate("part => part.scrollIntoView()")
-        for plot in place.locator(".plot").all():
-            plot.locator(".main-svg").first.wait_for()
-        box = place.bounding_box()
-        area = {"x": 0, "y": 0, "width": 1280, "height": min(box["height"], height)}
-        tab.screenshot(path=output, clip=area)
+        place.scroll_into_view_if_needed()
+        for plot in place.query_selector_all(".plot"):
+            plot.wait_for_selector(".main-svg")
+        box = place.evaluate(
+            "part => [part.getBoundingClientRect().top + window.scrollY, part.scrollHeight]"
+        )
+        area = {"x": 0, "y": box[0], "width": WIDTH, "height": min(box[1], height)}
+        tab.screenshot(path=output, clip=area, full_page=True)
 
 
 def main() -> int:

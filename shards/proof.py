@@ -78,6 +78,9 @@ def read_proof(dataset: Dataset) -> Report | None:
             }
             for subject, of in record["figures"].items()
         }
-        return Report([str(line) for line in record["breaches"]], figures)
+        breaches = record["breaches"]
+        if not isinstance(breaches, list):
+            return None
+        return Report([str(line) for line in breaches], figures)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None

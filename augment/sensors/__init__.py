@@ -39,7 +39,7 @@ def sensor_of(name: str, **parameters: Any) -> Sensor:
         ImportError: what `MODULES` names cannot be imported.
     """
     if name not in SENSORS:
-        for module in filter(None, os.environ.get(MODULES, "").split(",")):
+        for module in filter(None, map(str.strip, os.environ.get(MODULES, "").split(","))):
             try:
                 importlib.import_module(module)
             except ImportError as error:

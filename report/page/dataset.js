@@ -64,7 +64,7 @@ function card(one) {
     record.licence,
   ];
   header.append(make("span", { class: "soft" }, facts.join(" · ")));
-  const open = make("button", { type: "button", "aria-haspopup": "dialog" }, "Turn in 3D");
+  const open = make("button", { type: "button", "aria-haspopup": "dialog", "aria-label": `Turn ${one.id} in 3D` }, "Turn in 3D");
   open.addEventListener("click", () => openSolid(one.id, record));
   header.append(open);
   const maps = make("div", { class: "maps" });
@@ -92,6 +92,7 @@ function openSolid(id, record) {
   solid = { id, record };
   eye = { turn: 0, tilt: 4, far: 1.9 };
   at("solid-title").textContent = id;
+  tell();
   const kinds = at("kind");
   const has = record.solid.depths;
   for (const option of kinds.options) {
@@ -232,7 +233,13 @@ async function drawSolid() {
     },
   };
   await plotly().react("solid", traces, layout, { displaylogo: false, responsive: true });
-  if (mine === asked && at("solid-dialog").open) at("solid").dataset.drawn = `${id} ${kind}`;
+  if (mine !== asked || !at("solid-dialog").open) return;
+  if (!at("solid").dataset.drawn) {
+    at("solid").on("plotly_relayout", (change) => {
+      if (change["scene.camera"]) follow(change["scene.camera"].eye);
+    });
+  }
+  at("solid").dataset.drawn = `${id} ${kind}`;
 }
 
 /** Sides of the box that holds all, the longest as long as the view is high. */
@@ -266,7 +273,21 @@ function moveSolid(turn, tilt, nearer) {
   eye.tilt = Math.max(-80, Math.min(80, eye.tilt + tilt));
   eye.far = Math.max(0.6, Math.min(4, eye.far / nearer));
   plotly().relayout("solid", { "scene.camera.eye": place() });
-  at("solid").dataset.eye = `${eye.turn} ${eye.tilt} ${eye.far.toFixed(2)}`;
+  tell();
+}
+
+/** Where the mouse has brought the viewer: keys and buttons go on from there. */
+function follow({ x, y, z }) {
+  eye.far = Math.hypot(x, y, z);
+  eye.tilt = (Math.asin(z / eye.far) * 180) / Math.PI;
+  eye.turn = ((Math.atan2(x, -y) * 180) / Math.PI + 360) % 360;
+  tell();
+}
+
+function tell() {
+  const [turn, tilt] = [eye.turn, eye.tilt].map(Math.round);
+  at("solid").dataset.eye = `${turn} ${tilt} ${eye.far.toFixed(2)}`;
+  at("seen").textContent = `turned ${turn}°, seen from ${Math.abs(tilt)}° ${tilt < 0 ? "below" : "above"}`;
 }
 
 /** What a key or a button does: degrees about, degrees above, how much nearer. */
@@ -331,7 +352,6 @@ at("solid-dialog").addEventListener("close", () => {
   asked++;
   if (at("solid").dataset.drawn) plotly().purge("solid");
   delete at("solid").dataset.drawn;
-  delete at("solid").dataset.eye;
 });
 choose();
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
-
-from joblib import Parallel, delayed
-from tqdm import tqdm
 
 from report.maps import TITLES
 from report.page.document import document, section, table
@@ -17,6 +14,7 @@ from report.page.failures import failure_section
 from report.page.gallery import DIALOG, cards, gallery_section
 from report.page.histograms import Histograms
 from report.page.proof import proof_section
+from report.page.reading import each, one_line
 from report.page.shown import Fineness, shown
 from shards.archive import ShardError
 from shards.dataset import Dataset
@@ -38,11 +36,8 @@ def page(folder: Path, view: int | None, jobs: int) -> str:
     dataset = Dataset(folder)
     paths = {subject: dataset.shard_path(subject) for subject in dataset.manifest}
     fineness = Fineness.of(len(paths), _rows(dataset))
-    work = Parallel(n_jobs=min(jobs, len(paths) or 1), return_as="generator")(
-        delayed(_tried)(path, view, fineness) for path in paths.values()
-    )
-    bar = tqdm(work, "report", len(paths), leave=False, disable=not sys.stderr.isatty())
-    tried = dict(zip(paths, bar, strict=True))
+    read = partial(_tried, view=view, fineness=fineness)
+    tried = dict(zip(paths, each(read, paths.values(), jobs), strict=True))
     found = {subject: one for subject, one in tried.items() if "reason" not in one}
     counts = {subject: one.pop("counts") for subject, one in found.items()}
     faults = {subject: one["reason"] for subject, one in tried.items() if "reason" in one}
@@ -91,7 +86,7 @@ def _tried(path: Path, view: int | None, fineness: Fineness) -> dict[str, Any]:
     try:
         return shown(path, view, fineness)
     except (ShardError, OSError) as error:
-        return {"reason": " ".join(str(error).split())}
+        return {"reason": one_line(error)}
 
 
 def _summary(dataset: Dataset, found: list[dict[str, Any]]) -> str:

@@ -12,6 +12,6 @@ def failure_section(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     if not rows:
         return "<p>None: no subject was set aside.</p>"
     return (
-        '<div class="long" role="region" aria-label="What was set aside" tabindex="0">'
+        '<div class="long" tabindex="0" role="region" aria-label="What was set aside">'
         f"{table(head, rows)}</div>"
     )

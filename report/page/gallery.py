@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
@@ -48,7 +49,11 @@ def _finished(
             continue
         card = {"id": subject, "split": entry.split, "record": f"subject-{k}"}
         figures = {} if proof is None else proof.figures.get(subject, {})
-        told = [text.format(figures[name]) for name, text in _PROVEN.items() if name in figures]
+        told = [
+            text.format(figures[name])
+            for name, text in _PROVEN.items()
+            if math.isfinite(figures.get(name, math.nan))
+        ]
         if told:
             card["figures"] = f"proof: {', '.join(told)}"
         yield card
@@ -101,7 +106,8 @@ DIALOG = """
 <button type="button" data-move="+">Nearer</button>
 <button type="button" data-move="-">Farther</button>
 <button id="close" type="button">Close</button></div>
-<div id="solid" tabindex="0" role="img" aria-label="The subject in three dimensions;
+<div id="solid" tabindex="0" role="application" aria-label="The subject in three dimensions;
 drag to turn it, or use the arrow keys, + and -"></div>
+<p id="seen" class="soft" role="status"></p>
 </dialog>
 """

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from report.page.measure import DEPTH_MM, RESIDUAL, SAMPLED, THICKNESS_MM
+from report.page.measure import DEPTH_MM, MOST_RESIDUAL, RESIDUAL, SAMPLED, THICKNESS_MM
 
 DEGREES, SHARE = 2.0, 0.01
 """Widths of the bins of yaw and coverage."""
@@ -47,8 +47,6 @@ class Histogram:
 
     def told(self) -> str:
         """What a reader sees in it, in words."""
-        if not sum(self.values):
-            return "no value"
         # To a tenth of a bin; 0 has no sign.
         digits = max(0, 1 - math.floor(math.log10(self.width)))
         low, median, high = (
@@ -71,13 +69,13 @@ class Histograms:
 
     Attributes:
         read, lost: pixels of the subjects that the sensor saw, and did not see.
-        spread: standard deviation of the residuals over their model's; None without residuals.
+        residuals: in words.
     """
 
     plots: list[Histogram]
     read: int
     lost: int
-    spread: float | None
+    residuals: str
 
     @classmethod
     def of(cls, counts: Sequence[dict[str, Any]]) -> Histograms:
@@ -134,22 +132,25 @@ class Histograms:
                 width=SHARE,
             ),
         ]
-        read, lost, measured = (
-            sum(of[name] for of in counts) for name in ("read", "lost", "measured")
+        read, lost, measured, beyond = (
+            sum(of[name] for of in counts) for name in ("read", "lost", "measured", "beyond")
         )
-        squares = sum(of["squares"] for of in counts)
-        return cls(plots, read, lost, (squares / measured) ** 0.5 if measured else None)
+        told = "There are no residuals: the sensor has no noise, or its model is not known here."
+        if measured:
+            low, high = (plots[2].quantile(share) for share in (0.1587, 0.8413))
+            told = (
+                f"The middle two thirds of its residuals spread by {(high - low) / 2:.2f} standard "
+                f"deviations of the model, which alone spreads by 1; {beyond / measured:.1%} are "
+                f"beyond {MOST_RESIDUAL:g}."
+            )
+        return cls([one for one in plots if any(one.values)], read, lost, told)
 
     def section(self) -> str:
         """HTML: the sensor in words, and the places of the plots."""
         said = (
             f"Depths, thickness and residuals of up to {SAMPLED} views of each subject; yaw and "
             f"coverage of all. The sensor read {self.read:,} pixels of the subjects and lost "
-            f"{self.lost:,} ({self.lost / max(self.read + self.lost, 1):.1%}). "
-        ) + (
-            "There are no residuals: the sensor has no noise, or its model is not known here."
-            if self.spread is None
-            else f"Its residuals have a standard deviation of {self.spread:.2f} of their model's."
+            f"{self.lost:,} ({self.lost / max(self.read + self.lost, 1):.1%}). {self.residuals}"
         )
         plots = "".join(one.plot() for one in self.plots)
         return f'<p>{said}</p><div class="plots">{plots}</div>'

@@ -15,18 +15,20 @@ SAMPLED = 4
 DEPTH_MM, THICKNESS_MM, RESIDUAL = 10, 5, 0.1
 """Widths of the histograms' bins: millimetres, and standard deviations of the sensor's noise."""
 
-_MOST_DEPTH, _MOST_THICKNESS, _MOST_RESIDUAL = 8000, 1500, 6.0
-"""What goes into the last bin, in the same units."""
+_MOST_DEPTH, _MOST_THICKNESS, MOST_RESIDUAL = 8000, 1500, 6.0
+"""What goes into the outermost bins, in the same units."""
 
 
 def counts(shard: Shard, first: int) -> dict[str, Any]:
     """Histograms of a shard: of depth, thickness and the sensor's residual in `SAMPLED` views, that
     of `first` among them; yaw and the share of pixels that the subject covers, of all views.
 
-    `read` and `lost` count the subject's pixels that the sensor saw and did not see, `measured`
-    those whose residual is in the histogram: what was read less the truth, over the standard
-    deviation that the sensor's model states for the pixel. Its variance is 1 where the reading
-    follows the model.
+    `read` and `lost` count the subject's pixels that the sensor saw and did not see. A residual is
+    what was read less the truth, over the standard deviation that the sensor's model states for the
+    pixel; `measured` counts them, and `beyond` those that no bin holds: the outermost bins do.
+
+    Raises:
+        ValueError: a map that is measured holds what is no number.
     """
     others = [i for i in range(len(shard)) if i != first]
     some = {first}
@@ -34,14 +36,15 @@ def counts(shard: Shard, first: int) -> dict[str, Any]:
         some |= {others[round(k)] for k in np.linspace(0, len(others) - 1, SAMPLED - 1)}
     depth = np.zeros(_MOST_DEPTH // DEPTH_MM, dtype=np.int64)
     thickness = np.zeros(_MOST_THICKNESS // THICKNESS_MM, dtype=np.int64)
-    residual = np.zeros(round(2 * _MOST_RESIDUAL / RESIDUAL), dtype=np.int64)
-    lost = read = measured = 0
-    squares = 0.0
+    residual = np.zeros(round(2 * MOST_RESIDUAL / RESIDUAL), dtype=np.int64)
+    lost = read = measured = beyond = 0
     base = shard.base or shard
     for i in sorted(some):
         view = base.view(
             i, ["mask", "depth_front", "depth_back", "depth_sensor", "normal_front", "rgb_front"]
         )
+        if not all(np.isfinite(array).all() for array in view.values()):
+            raise ValueError(f"view {i} holds what is no number")
         mask = view["mask"]
         front, back = view["depth_front"][mask], view["depth_back"][mask]
         depth += _binned(np.concatenate([front, back]) * 1000 / DEPTH_MM, len(depth))
@@ -50,11 +53,11 @@ def counts(shard: Shard, first: int) -> dict[str, Any]:
         seen = (view["depth_sensor"] > 0) & mask
         stated = seen & (sigma > 0)
         z = (view["depth_sensor"] - view["depth_front"])[stated] / sigma[stated]
-        residual += _binned((z + _MOST_RESIDUAL) / RESIDUAL, len(residual))
+        residual += _binned((z + MOST_RESIDUAL) / RESIDUAL, len(residual))
         lost += int((mask & ~seen).sum())
         read += int(seen.sum())
         measured += int(stated.sum())
-        squares += float(np.square(np.clip(z, -_MOST_RESIDUAL, _MOST_RESIDUAL)).sum())
+        beyond += int((np.abs(z) > MOST_RESIDUAL).sum())
     mask = shard["mask"]
     return {
         "depth": depth.tolist(),
@@ -63,10 +66,15 @@ def counts(shard: Shard, first: int) -> dict[str, Any]:
         "read": read,
         "lost": lost,
         "measured": measured,
-        "squares": squares,
-        "yaw_deg": np.round(shard["yaw_deg"].astype(float), 2).tolist(),
+        "beyond": beyond,
+        "yaw_deg": turned(shard["yaw_deg"]),
         "coverage": np.round(mask.mean(axis=(1, 2)), 4).tolist(),
     }
+
+
+def turned(yaw_deg: np.ndarray) -> list[float]:
+    """Degrees from -180 to 180: a turn of 270 is one of -90."""
+    return np.round((yaw_deg.astype(float) + 180) % 360 - 180, 2).tolist()
 
 
 def _sigma(view: dict[str, np.ndarray], meta: dict[str, Any], index: int) -> np.ndarray:

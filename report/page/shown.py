@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import io
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,20 +63,43 @@ def shown(path: Path, view: int | None, fineness: Fineness) -> dict[str, Any]:
         the histograms; `source`, `licence`, `sensor`.
 
     Raises:
-        ShardError: the shard is missing or torn, or its maps cannot be shown.
+        ShardError: the shard is missing or torn, or keeps no contract.
         ValueError: it has no such view.
     """
     shard = Shard(path)
+    with sound(path):
+        if not np.isfinite(shard["yaw_deg"]).all():
+            raise ValueError("yaw_deg holds what is no number")
     index = chosen(shard, view)
+    with sound(path):
+        return _shown(shard, index, fineness)
+
+
+@contextmanager
+def sound(path: Path) -> Iterator[None]:
+    """Where a shard that keeps no contract becomes a ShardError, whatever it lacks or holds.
+
+    Args:
+        path: of the shard.
+    """
+    try:
+        yield
+    except (KeyError, ValueError, TypeError, AttributeError, IndexError) as error:
+        said = f"has no {error}" if isinstance(error, KeyError) else f"cannot be shown: {error}"
+        raise ShardError(f"{path} {said}; run verify, and build it again") from error
+
+
+def _shown(shard: Shard, index: int, fineness: Fineness) -> dict[str, Any]:
     names = [name for name in TITLES if name in shard.names]
     maps = shard.view(index, ["mask", *names])
-    if not maps["mask"].any() or not all(np.isfinite(maps[name]).all() for name in names):
-        raise ShardError(
-            f"{path}: view {index} shows nothing, or what is no number; run verify, and build again"
-        )
+    if not maps["mask"].any():
+        raise ValueError(f"view {index} shows nothing")
+    if not all(np.isfinite(maps[name]).all() for name in names):
+        raise ValueError(f"view {index} holds what is no number")
     pixel_size = float(shard.meta["camera"]["pixel_size"])
     box = box_of(maps)
     return {
+        "counts": counts(shard, index),
         "view": index,
         "yaw_deg": round(float(shard["yaw_deg"][index]), 2),
         "height_m": round(height_of(maps["mask"], pixel_size), 3),
@@ -85,10 +110,9 @@ def shown(path: Path, view: int | None, fineness: Fineness) -> dict[str, Any]:
             if name not in _OPTIONAL or maps[name].any()
         },
         "solid": _solid(maps, box, pixel_size, fineness.step),
-        "counts": counts(shard, index),
-        "source": shard.meta["source"],
-        "licence": shard.meta["licence"],
-        "sensor": shard.meta["sensor"]["model"],
+        "source": str(shard.meta["source"]),
+        "licence": str(shard.meta["licence"]),
+        "sensor": str(shard.meta["sensor"]["model"]),
     }
 
 

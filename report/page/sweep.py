@@ -1,25 +1,25 @@
-"""The page of a light sweep: every subject under every power, and a link to no other file."""
+"""The page of a light sweep: its subjects under every power, side by side."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
+from functools import partial
 from html import escape
 from pathlib import Path
-
-from joblib import Parallel, delayed
-from tqdm import tqdm
 
 from report.maps import box_of, pictured
 from report.page.document import document, section, table
 from report.page.failures import failure_section
 from report.page.proof import breach_list, verdict_of
-from report.page.shown import Fineness, picture
+from report.page.reading import each, one_line
+from report.page.shown import Fineness, picture, sound
 from report.view import chosen
 from shards.archive import Shard, ShardError
 from shards.dataset import Dataset
 from shards.proof import read_proof
 from shards.sweep import base_folder, read_index
+
+FINENESS = Fineness(scale=0.5, step=1, quality=75)
 
 PICTURES = 600
 """At most so many are on the page; of more, subjects are left out, evenly."""
@@ -41,11 +41,8 @@ def page(folder: Path, view: int | None, jobs: int) -> str:
     subjects = list(dict.fromkeys(one for dataset in powers.values() for one in dataset.manifest))
     most = max(1, PICTURES // len(powers))
     shown = subjects[:: -(-len(subjects) // most)] if subjects else []
-    work = Parallel(n_jobs=min(jobs, len(shown) or 1), return_as="generator")(
-        delayed(_pictures)(_shards(powers, subject), view) for subject in shown
-    )
-    bar = tqdm(work, "report", len(shown), leave=False, disable=not sys.stderr.isatty())
-    pictures = dict(zip(shown, bar, strict=True))
+    shards = [_shards(powers, subject) for subject in shown]
+    pictures = dict(zip(shown, each(partial(_pictures, view=view), shards, jobs), strict=True))
     failures = [
         (one["subject"], f"{power:g} W", one["stage"], one["reason"])
         for power, dataset in powers.items()
@@ -100,18 +97,23 @@ def _shards(powers: Mapping[float, Dataset], subject: str) -> dict[float, Path]:
 
 def _pictures(shards: Mapping[float, Path], view: int | None) -> dict[float, str]:
     """The front under each power as a data URL, or why it cannot be shown."""
-    fineness = Fineness(0.5, 1, 75)
     found = {}
     for power, path in shards.items():
         try:
-            shard = Shard(path)
-            maps = shard.view(chosen(shard, view), ["mask", "rgb_front", "body_depth_back"])
-            if not maps["mask"].any():
-                raise ShardError(f"{path}: the view shows nothing")
-            found[power] = picture(pictured(maps, "rgb_front", 1.0)[box_of(maps)], fineness)
+            found[power] = _picture(path, view)
         except (ShardError, OSError) as error:
-            found[power] = " ".join(str(error).split())
+            found[power] = one_line(error)
     return found
+
+
+def _picture(path: Path, view: int | None) -> str:
+    shard = Shard(path)
+    index = chosen(shard, view)
+    with sound(path):
+        maps = shard.view(index, ["mask", "rgb_front", "body_depth_back"])
+        if not maps["mask"].any():
+            raise ValueError(f"view {index} shows nothing")
+        return picture(pictured(maps, "rgb_front", 1.0)[box_of(maps)], FINENESS)
 
 
 def _card(subject: str, found: Mapping[float, str]) -> str:

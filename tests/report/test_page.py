@@ -6,6 +6,8 @@ import io
 import json
 import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,10 +17,13 @@ import pytest
 from PIL import Image
 
 from augment import sensors
+from experiments.run import EXPERIMENTS
 from pipeline import main
 from report.browser import browser as headless
 from report.browser import chromium
-from report.page.measure import counts
+from report.page.experiment import CAPTIONS
+from report.page.histograms import Histograms
+from report.page.measure import counts, turned
 from report.page.shown import Fineness
 from shards.archive import Shard, write_shard
 from shards.checksum import file_sha256
@@ -178,7 +183,7 @@ def test_pages_and_filters(folder, show):
 
 def test_it_turns_in_three_dimensions(folder, show):
     page = show(report(folder))
-    page.locator(".card").nth(1).get_by_role("button", name="Turn in 3D").click()
+    page.locator(".card").nth(1).get_by_role("button", name="in 3D").click()
     page.wait_for_selector('#solid[data-drawn="box_01 surface"]')
     assert page.locator("#solid-title").inner_text() == "box_01"
     front = drawn(page, "#solid", is_orange)
@@ -197,13 +202,31 @@ def test_it_turns_in_three_dimensions(folder, show):
     page.mouse.move(box["x"] + box["width"] / 2 + 150, box["y"] + box["height"] / 2, steps=5)
     page.mouse.up()
     drawn(page, "#solid", differs(sensor, 1))
+    # Buttons go on from where the mouse has brought it.
+    dragged = float(page.locator("#solid").get_attribute("data-eye").split()[0])
+    assert dragged != 30
+    page.get_by_role("button", name="Turn right").click()
+    turn = float(page.locator("#solid").get_attribute("data-eye").split()[0])
+    assert (turn - dragged) % 360 == pytest.approx(30, abs=1)
+    eye = page.locator("#solid").evaluate("plot => plot.layout.scene.camera.eye")
+    assert np.degrees(np.arctan2(eye["x"], -eye["y"])) % 360 == pytest.approx(turn, abs=1)
+    assert page.locator("#seen").inner_text().startswith(f"turned {turn:.0f}°")
+
+
+def tab_to(page: Any, what: str) -> None:
+    """Press Tab until what has the focus holds an id or a text."""
+    for _ in range(40):
+        page.keyboard.press("Tab")
+        if what in page.evaluate("[document.activeElement.id, document.activeElement.textContent]"):
+            return
+    raise AssertionError(f"Tab does not reach {what}")
 
 
 def test_histograms_are_drawn_when_they_are_seen(folder, show):
     page = show(report(folder))
     page.locator("#failures").scroll_into_view_if_needed()
     page.locator("#histograms").scroll_into_view_if_needed()
-    for name in ("depth", "thickness", "residual", "yaw", "coverage"):
+    for name in ("depth", "thickness", "yaw", "coverage"):
         page.wait_for_selector(f"#histogram-{name} .main-svg")
     yaw = page.locator("#histogram-yaw")
     assert "Yaw of all views" in yaw.inner_text()
@@ -245,19 +268,14 @@ def test_a_thousand_subjects(build, show):
 def test_by_keys_alone(folder, show):
     page = show(report(folder))
     page.locator("#group").focus()
-    for _ in range(20):
-        page.keyboard.press("Tab")
-        if page.evaluate("document.activeElement.textContent") == "Turn in 3D":
-            break
+    tab_to(page, "Turn in 3D")
     page.keyboard.press("Enter")
     page.wait_for_selector('#solid[data-drawn="box_00 surface"]')
     assert page.locator("#solid-dialog").is_visible()
-    while page.evaluate("document.activeElement.textContent") != "Turn left":
-        page.keyboard.press("Tab")
+    tab_to(page, "Turn left")
     page.keyboard.press("Enter")
     page.wait_for_selector('#solid[data-eye="330 4 1.90"]')
-    while page.evaluate("document.activeElement.id") != "solid":
-        page.keyboard.press("Tab")
+    tab_to(page, "solid")
     for key in ("ArrowRight", "ArrowRight", "ArrowUp", "+"):
         page.keyboard.press(key)
     page.wait_for_selector('#solid[data-eye="30 24 1.52"]')
@@ -270,13 +288,33 @@ def test_by_keys_alone(folder, show):
     assert page.evaluate("document.activeElement.textContent") == "Turn in 3D"
 
 
-def test_it_is_read_at_a_phone_s_width(folder, show):
+LONG = "no surface in " + "/a/folder/whose/name/has/no/end" * 6
+
+
+def fits(page: Any) -> bool:
+    """Whether nothing has to be moved sideways to be read."""
+    sideways = (
+        "[document.scrollingElement, ...document.querySelectorAll('.wide, dialog')]"
+        ".filter(one => one.scrollWidth > one.clientWidth + 1).map(one => one.innerText)"
+    )
+    return page.evaluate(sideways) == []
+
+
+def test_it_is_read_at_a_phone_s_width(build, show):
+    folder = build({"box_0": {}, "broken": {"failed": LONG}})
+    assert main(["verify", str(folder)]) == 1  # and its breaches name long paths
     page = show(report(folder), 360)
-    assert page.evaluate("document.scrollingElement.scrollWidth") <= 360
-    page.locator(".card").first.get_by_role("button", name="Turn in 3D").click()
+    assert LONG in page.locator("#failures").inner_text()
+    assert fits(page)
+    page.locator(".card").first.get_by_role("button", name="in 3D").click()
     page.wait_for_selector("#solid[data-drawn]")
-    assert page.locator("#solid").bounding_box()["width"] > 250
-    assert page.evaluate("document.scrollingElement.scrollWidth") <= 360
+    place, window = (page.locator(f"#solid{more}").bounding_box() for more in ("", "-dialog"))
+    assert place["width"] > 250
+    assert place["height"] > 250
+    assert window["y"] >= 0
+    assert window["y"] + window["height"] <= 900
+    assert place["y"] + place["height"] <= window["y"] + window["height"]
+    assert fits(page)
     assert not page.evaluate("[...document.images].some(one => !one.alt)")
 
 
@@ -328,9 +366,35 @@ def test_a_training_s_curves(tmp_path, show):
     assert drawn == [epoch["loss_depth"] for epoch in epochs]
     named = page.locator("#curve-mm").evaluate("plot => plot.data.map(one => one.name)")
     assert named == ["given_mm", "depth_mm"]
-    assert "5 epochs" in page.locator("header").inner_text()
+    assert "Epochs: 5" in page.locator("header").inner_text()
     assert re.search(r"depth_mm\s+1\s+1", page.locator("#figures").inner_text())
     np.testing.assert_allclose(picture(page, "img.picture")[100, 100], (10, 200, 10), atol=3)
+    said = page.locator("#curve-mm").get_attribute("aria-label")
+    assert "given_mm from 6 to 6; depth_mm from 5 to 1" in said
+    assert fits(show(tmp_path / "report.html", 360))
+
+
+def test_a_training_that_diverged_or_was_torn(tmp_path, show, capsys):
+    epochs = ['{"loss_depth": 2.0}', '{"loss_depth": NaN}', '{"loss_depth": 1.5, "depth_mm": 3}']
+    (tmp_path / "history.jsonl").write_text("\n".join([*epochs, '{"loss_de']))
+    page = show(report(tmp_path))
+    page.wait_for_selector("#curve-loss .main-svg")
+    assert page.locator("#curve-loss").evaluate("plot => plot.data[0].y") == [2.0, None, 1.5]
+    (tmp_path / "history.jsonl").write_text("torn\n" + epochs[0])
+    assert main(["report", str(tmp_path)]) == 2
+    assert "history.jsonl line 1 is no epoch" in capsys.readouterr().err
+
+
+def test_captions_are_of_the_experiments():
+    assert set(CAPTIONS) == set(EXPERIMENTS)
+
+
+def test_a_torn_result_is_named(tmp_path, capsys):
+    (tmp_path / "results").mkdir()
+    (tmp_path / "study.json").write_text("{}")
+    (tmp_path / "results" / "table1.json").write_text('{"a": ')
+    assert main(["report", str(tmp_path)]) == 2
+    assert "table1.json is torn" in capsys.readouterr().err
 
 
 def test_an_experiment_s_tables_and_figures(tmp_path, show):
@@ -445,7 +509,10 @@ def test_residuals_are_of_the_view_shown_and_of_three_others(tmp_path, views, me
     assert found["read"] == measured * mask[0].sum() - row
     assert found["lost"] == row
     assert found["measured"] == sum(found["residual"]) == found["read"]
-    assert found["squares"] / found["measured"] == pytest.approx(1, abs=0.1)
+    assert found["beyond"] == 0
+    told = Histograms.of([found]).residuals
+    spread = re.search(r"residuals spread by (\S+) standard deviations .* 0.0% are beyond 6", told)
+    assert float(spread[1]) == pytest.approx(1, abs=0.1)
     assert sum(found["thickness"]) == measured * mask[0].sum()
     assert sum(found["depth"]) == 2 * measured * mask[0].sum()
 
@@ -455,6 +522,61 @@ def test_a_sensor_without_a_model_has_no_residuals(folder, show):
     said = page.locator("#histograms").inner_text()
     assert "lost 0 (0.0%)" in said
     assert "There are no residuals" in said
+    assert page.locator(".plot").count() == 4  # and none of residuals
+
+
+def broken(folder: Path, arrays: dict[str, Any], meta: dict[str, Any]) -> None:
+    """Write box_0's shard as no builder would: None leaves a member or an entry out."""
+    path = folder / "shards" / "box_0.npz"
+    shard = Shard(path)
+    told = {name: value for name, value in (shard.meta | meta).items() if value is not None}
+    members = {name: np.array(shard[name]) for name in shard.names} | arrays
+    kept = {name: array for name, array in members.items() if array is not None}
+    np.savez(path, **kept, meta=np.array(json.dumps(told)))
+
+
+@pytest.mark.parametrize(
+    ("arrays", "meta"),
+    [
+        ({"yaw_deg": np.array([np.nan, 0], np.float32)}, {}),
+        ({"depth_sensor": None}, {}),
+        ({"body_depth_back": None}, {}),
+        ({"rgb_front": None}, {}),
+        ({"mask": None}, {}),
+        ({}, {"camera": None}),
+        ({}, {"sensor": None}),
+        ({}, {"licence": None}),
+        ({}, {"camera": {"pixel_size": "much"}}),
+        ({}, {"sensor": [1]}),
+        ({"depth_front": np.zeros((2, 3, 3), np.float32)}, {}),
+    ],
+    ids=str,
+)
+def test_whatever_one_shard_lacks_the_others_are_shown(build, arrays, meta, capsys):
+    folder = build({"box_0": {"yaw_deg": [0.0, 9.0]}, "box_1": {"yaw_deg": [0.0, 9.0]}})
+    broken(folder, arrays, meta)
+    text = report(folder).read_text()
+    assert re.search(r'"id":"box_0"[^}]*"stage":"its shard","reason":"[^"]*box_0.npz', text)
+    assert re.search(r'"id":"box_1"[^}]*"record"', text)
+
+
+def test_a_view_that_is_measured_alone_may_be_the_broken_one(build):
+    folder = build({"box_0": {"yaw_deg": [0.0, 9.0]}, "box_1": {}})
+    depth = np.array(Shard(folder / "shards" / "box_0.npz")["depth_front"])
+    depth[1, 20] = np.nan
+    broken(folder, {"depth_front": depth}, {})
+    text = report(folder).read_text()
+    assert re.search(r'"id":"box_0"[^}]*"reason":"[^"]*view 1 holds what is no number', text)
+
+
+def test_yaws_all_round_are_counted():
+    none = dict.fromkeys(("read", "lost", "measured", "beyond"), 0)
+    kept = {"depth": [1], "thickness": [1], "residual": [0], "coverage": [0.5]}
+    yaw_deg = {"yaw_deg": turned(np.array([270, 0, -190], "<f4"))}
+    plots = Histograms.of([{**none, **kept, **yaw_deg}]).plots
+    yaw = next(one for one in plots if one.name == "yaw")
+    assert sum(yaw.values) == 3
+    assert [yaw.first + yaw.width * k for k, n in enumerate(yaw.values) if n] == [-90, 0, 170]
 
 
 def test_of_a_damaged_dataset_all_else_is_shown(build, show):
@@ -505,6 +627,29 @@ def test_what_is_asked_for_last_is_drawn(build, show):
     page.evaluate("document.getElementById('kind').value = 'surface'")
     page.evaluate(f"{opens}[0].click()")
     page.wait_for_selector('#solid[data-drawn="dark surface"]')
+
+
+def test_a_part_is_photographed_from_its_heading(folder, tmp_path):
+    if chromium() is None:
+        pytest.skip("no Chromium")
+    page, output = report(folder), tmp_path / "part.png"
+
+    def photograph(*options: object) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "report.browser", *map(str, options)]
+        return subprocess.run(
+            [*command, "--output", str(output)], capture_output=True, text=True, check=False
+        )
+
+    assert photograph(page, "--part", "failures").returncode == 0
+    seen = np.asarray(Image.open(output).convert("L"))
+    assert seen.shape[1] == 1280
+    assert 80 < seen.shape[0] < 400  # a heading and one row, and nothing of the histograms
+    assert (seen < 100).any()
+    assert photograph(page, "--height", 300).returncode == 0
+    assert Image.open(output).size == (1280, 300)
+    wrong = photograph(page, "--part", 'a"b')
+    assert (wrong.returncode, wrong.stderr) == (2, f"error: {page} has no part 'a\"b'\n")
+    assert "make it with python pipeline.py" in photograph(tmp_path / "none.html").stderr
 
 
 def test_a_folder_that_cannot_be_written_is_told_first(folder, capsys, monkeypatch):
