@@ -19,6 +19,7 @@ import yaml
 
 from shards.lock import LOCK
 from tests.lumpy import write_lumpy
+from tests.store import s3_server
 
 ROOT = Path(__file__).parents[1]
 SUBJECTS = 6
@@ -309,23 +310,10 @@ def test_a_disk_that_cannot_be_written_is_one_line(config, small_disk):
 @pytest.fixture
 def bucket(tmp_path, monkeypatch):
     """URL of an empty folder of an S3 server on this machine, which every process may reach."""
-    import boto3
-    from moto.server import ThreadedMotoServer
-
-    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    server.start()
-    host, port = server.get_host_and_port()
-    for name, value in {
-        "AWS_ENDPOINT_URL": f"http://{host}:{port}",
-        "AWS_ACCESS_KEY_ID": "testing",
-        "AWS_SECRET_ACCESS_KEY": "testing",
-        "AWS_DEFAULT_REGION": "us-east-1",
-        "XDG_CACHE_HOME": str(tmp_path / "cache"),
-    }.items():
-        monkeypatch.setenv(name, value)
-    boto3.client("s3").create_bucket(Bucket="bucket")
-    yield "s3://bucket"
-    server.stop()
+    with s3_server() as variables:
+        for name, value in (variables | {"XDG_CACHE_HOME": str(tmp_path / "cache")}).items():
+            monkeypatch.setenv(name, value)
+        yield "s3://bucket"
 
 
 def test_a_store_is_as_good_as_a_folder(bucket, tmp_path):
