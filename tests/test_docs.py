@@ -287,7 +287,7 @@ def follow(command: str, needs: str | None, checkout: Path) -> str:
         return ""
     if words[0] == "make":
         for line in made(words[1]):
-            if words[1] == "demo":
+            if words[1] == "demo" and needs is None:
                 run(line, checkout)
             else:
                 read_options(line, checkout)
