@@ -1,6 +1,6 @@
 # make demo: four open humans, rendered, verified, shown in out/demo/report.html.
 # make test: the whole test suite. Both create .venv and install what they need.
-# make humans: fifty of them, with the figures and pictures that the README shows.
+# make humans: fifty of them, with the figures and pictures of docs/subjects.md.
 # make learned: fifty of them, and both branches of the trainer, with the figures of their docs.
 PYTHON ?= python3.11
 BIN := .venv/bin

@@ -15,8 +15,9 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cache
 from pathlib import Path
 
@@ -26,8 +27,11 @@ import yaml
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 
+from augment.color_camera import ColorCamera
+from engine.config import CHOICES
 from storage.cache import cache_folder
 from tests.store import s3_server
+from trainer.networks.discriminator import DiscriminatorConfig
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", *sorted(p.relative_to(ROOT).as_posix() for p in ROOT.glob("docs/**/*.md")))
@@ -72,15 +76,21 @@ PARSE = """
 import argparse, os, runpy, sys
 import jsonargparse
 
-def ending(kind):
-    parse = kind.parse_args
-    def parse_args(*given, **named):
-        parse(*given, **named)
-        os._exit(0)
-    kind.parse_args = parse_args
+kinds = (argparse.ArgumentParser, jsonargparse.ArgumentParser)
+known = [kind.parse_args for kind in kinds]
 
-ending(argparse.ArgumentParser)
-ending(jsonargparse.ArgumentParser)
+def parse_args(self, *given, **named):
+    for kind, parse in zip(kinds, known):
+        kind.parse_args = parse
+    try:
+        self.parse_args(*given, **named)
+    except BaseException as error:
+        sys.stderr.write(f"{error}\\n")
+        os._exit(2)
+    os._exit(0)
+
+for kind in kinds:
+    kind.parse_args = parse_args
 if sys.argv[1] == "-m":
     del sys.argv[:2]
     runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
@@ -88,7 +98,7 @@ else:
     del sys.argv[0]
     runpy.run_path(sys.argv[0], run_name="__main__")
 """
-"""A Python command that ends, well, as soon as its options are read."""
+"""A Python command that ends as soon as its options are read, well if they are known."""
 
 
 @dataclass
@@ -189,9 +199,12 @@ def checkout(tmp_path_factory) -> Iterator[Path]:
     """The checkout's files under another folder, with outputs of its own: a small `out/demo`, and
     its people as scans; and an S3 server for those who ask it."""
     folder = tmp_path_factory.mktemp("checkout")
-    for path in ROOT.iterdir():
-        if path.name not in ("out", ".git", "data", "data10"):
-            (folder / path.name).symlink_to(path)
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    # What a reader has made in the checkout is no part of it.
+    for name in {line.partition("/")[0] for line in listed.stdout.splitlines()}:
+        (folder / name).symlink_to(ROOT / name)
     # Copies of what lies in the store are of this run alone; the body model is everyone's.
     own = tmp_path_factory.mktemp("cache")
     (own / "rectoverso").mkdir()
@@ -267,6 +280,75 @@ def read_options(command: str, folder: Path) -> None:
         assert (ROOT / words[1]).is_file()
         return
     start("-c", PARSE, *words[1:], folder=folder)
+
+
+@pytest.mark.parametrize(
+    ("command", "what"),
+    [
+        ("pipeline.py train --data a --output b --nonsense 3", "nonsense"),
+        ("pipeline.py train --data a --output b --epochs many", "epochs"),
+        ("pipeline.py build --output b --sensor Nope", "Nope"),
+        ("pipeline.py train --config configs/nope.yaml --data a --output b", "nope.yaml"),
+        ("pipeline.py experiment nope --output b", "nope"),
+        ("pipeline.py verify", "data"),
+        ("-m report.sensors out/demo", "--output"),
+    ],
+)
+def test_wrong_options_are_seen(command: str, what: str, checkout: Path) -> None:
+    with pytest.raises(AssertionError, match=what):
+        read_options(f"python {command}", checkout)
+
+
+OPTION = re.compile(r"(?<![\w-])--([a-z_][\w.-]*)")
+
+
+def test_every_option_is_one(checkout: Path) -> None:
+    """Those that stand in lines and tables: some command of the project has it."""
+    modules = {
+        words[words.index("-m") + 1]
+        for page in PAGES
+        for block in blocks(page)
+        for command in block.commands()
+        if "-m" in (words := shlex.split(command)) and block.language != "yaml"
+        if re.match(r"(\w+=\S+ )?python -m (report|benchmarks|examples)", command)
+    }
+    calls = [("-m", module, "--help") for module in sorted(modules)]
+    stages = ("build", "verify", "sweep", "train", "reconstruct", "evaluate", "experiment")
+    calls += [("pipeline.py", stage, "--help") for stage in (*stages, "report")]
+    for key, kinds in CHOICES.items():
+        calls += [("pipeline.py", "build", f"--{key}.help", kind.__name__) for kind in kinds]
+    calls += [("pipeline.py", "train", "--branch.help", kind) for kind in ("Front", "Back")]
+    listed = "".join(start(*words, folder=checkout)[0] for words in calls)
+    known = set(OPTION.findall(listed)) | {"help"}
+    # What may be null is listed without what is in it.
+    for prefix, kind in {
+        "color_camera": ColorCamera,
+        "branch.normal_gan": DiscriminatorConfig,
+    }.items():
+        known |= {f"{prefix}.{one.name}" for one in fields(kind)}
+    strange = []
+    for page in PAGES:
+        for token in MarkdownIt("commonmark").enable("table").parse((ROOT / page).read_text()):
+            for one in token.children or []:
+                if one.type == "code_inline" and not one.content.startswith(FOREIGN):
+                    strange += [
+                        f"{page}: --{name}"
+                        for name in OPTION.findall(one.content)
+                        if not any(f"{has}.".startswith(f"{name}.") for has in known)
+                    ]
+    assert strange == []
+
+
+FOREIGN = ("dask ", "pip ", "apt-get ")
+"""Other programs' options are theirs."""
+
+
+def test_every_extra_is_one() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    text = "".join((ROOT / page).read_text() for page in PAGES)
+    named = {name for group in re.findall(r"'\.\[([\w,]+)\]'", text) for name in group.split(",")}
+    assert named
+    assert named <= set(project["optional-dependencies"])
 
 
 def made(target: str) -> list[str]:

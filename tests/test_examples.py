@@ -89,7 +89,7 @@ def test_commands_find_a_new_sensor_where_they_are_told(vases, tmp_path):
     run(*report)
     assert "There are no residuals" in page.read_text()
     run(*report, **known)
-    spread = re.search(r"residuals spread by (\S+) standard", page.read_text())
+    spread = re.search(r"residuals lie within (\S+) standard", page.read_text())
     assert spread is not None
     assert float(spread[1]) == pytest.approx(1.02, abs=0.02)
     train = (

@@ -7,10 +7,10 @@ let page = 0;
 
 /* ---- the gallery ---- */
 
-/** Whether a subject is of what is chosen: all, a split, what was set aside, or a stage of it. */
+/** Whether a subject is of what is chosen: all, a split, all failures, or one kind of them. */
 function fits(one, group) {
   if (group === "all" || one.split === group) return true;
-  return one.reason !== undefined && (group === "failed" || group === `stage ${one.stage}`);
+  return one.reason !== undefined && (group === "failed" || group === one.what);
 }
 
 function choose() {
@@ -18,7 +18,7 @@ function choose() {
   const asked = at("search").value.trim().toLowerCase();
   const asks = (text) => text !== undefined && text.toLowerCase().includes(asked);
   found = index.subjects.filter(
-    (one) => fits(one, group) && (asks(one.id) || asks(one.reason) || asks(one.stage)),
+    (one) => fits(one, group) && (asks(one.id) || asks(one.reason) || asks(one.what)),
   );
   show(0);
 }
@@ -52,7 +52,7 @@ function card(one) {
   const header = make("header", {}, make("h3", {}, one.id));
   const article = make("article", { class: "card", "data-subject": one.id }, header);
   if (one.reason !== undefined) {
-    header.append(make("span", { class: "bad" }, `set aside: ${one.stage}`));
+    header.append(make("span", { class: "bad" }, one.what));
     article.append(make("p", {}, one.reason));
     return article;
   }
@@ -86,7 +86,7 @@ function card(one) {
 
 let solid = null;
 let eye; // degrees about and above the subject, and how far away
-let asked = 0; // what was asked for last: pictures take their time to decode
+let drawing = 0; // what was asked for last: pictures take their time to decode
 
 function openSolid(id, record) {
   solid = { id, record };
@@ -190,7 +190,7 @@ async function mesh(record, depthName, pictureName, name) {
 async function drawSolid() {
   const kind = at("kind").value;
   const { id, record } = solid;
-  const mine = ++asked;
+  const mine = ++drawing;
   let traces;
   if (kind === "sensor") {
     const vertices = points(record, depths(record, "sensor"));
@@ -217,7 +217,7 @@ async function drawSolid() {
       await mesh(record, "back", "rgb_back", "back"),
     ];
   }
-  if (mine !== asked || !at("solid-dialog").open) return;
+  if (mine !== drawing || !at("solid-dialog").open) return;
   const axis = { visible: false };
   const layout = {
     margin: { l: 0, r: 0, t: 0, b: 0 },
@@ -229,14 +229,14 @@ async function drawSolid() {
       zaxis: axis,
       aspectmode: "manual",
       aspectratio: proportions(traces),
-      camera: { eye: place() },
+      camera: camera(),
     },
   };
-  await plotly().react("solid", traces, layout, { displaylogo: false, responsive: true });
-  if (mine !== asked || !at("solid-dialog").open) return;
+  await plotly().react("solid", traces, layout, BARE);
+  if (mine !== drawing || !at("solid-dialog").open) return;
   if (!at("solid").dataset.drawn) {
     at("solid").on("plotly_relayout", (change) => {
-      if (change["scene.camera"]) follow(change["scene.camera"].eye);
+      if (change["scene.camera"]) follow(change["scene.camera"]);
     });
   }
   at("solid").dataset.drawn = `${id} ${kind}`;
@@ -260,27 +260,37 @@ function proportions(traces) {
   return { x, y, z };
 }
 
-/** The viewer, from the front where nothing is turned. */
-function place() {
+/** The viewer, before the front where nothing is turned, looking at the middle. */
+function camera() {
   const [turn, tilt] = [eye.turn, eye.tilt].map((angle) => (angle * Math.PI) / 180);
   const across = eye.far * Math.cos(tilt);
-  return { x: across * Math.sin(turn), y: -across * Math.cos(turn), z: eye.far * Math.sin(tilt) };
+  return {
+    eye: { x: across * Math.sin(turn), y: -across * Math.cos(turn), z: eye.far * Math.sin(tilt) },
+    center: { x: 0, y: 0, z: 0 },
+    up: { x: 0, y: 0, z: 1 },
+  };
+}
+
+/** A value that keys move between `low` and `high`; the mouse may have brought it beyond. */
+function within(value, old, low, high) {
+  return Math.max(Math.min(low, old), Math.min(Math.max(high, old), value));
 }
 
 function moveSolid(turn, tilt, nearer) {
   if (!at("solid").dataset.drawn) return;
   eye.turn = (eye.turn + turn + 360) % 360;
-  eye.tilt = Math.max(-80, Math.min(80, eye.tilt + tilt));
-  eye.far = Math.max(0.6, Math.min(4, eye.far / nearer));
-  plotly().relayout("solid", { "scene.camera.eye": place() });
+  eye.tilt = within(eye.tilt + tilt, eye.tilt, -80, 80);
+  eye.far = within(eye.far / nearer, eye.far, 0.6, 4);
+  plotly().relayout("solid", { "scene.camera": camera() });
   tell();
 }
 
 /** Where the mouse has brought the viewer: keys and buttons go on from there. */
-function follow({ x, y, z }) {
-  eye.far = Math.hypot(x, y, z);
-  eye.tilt = (Math.asin(z / eye.far) * 180) / Math.PI;
-  eye.turn = ((Math.atan2(x, -y) * 180) / Math.PI + 360) % 360;
+function follow({ eye: { x, y, z }, center }) {
+  const [right, ahead, up] = [x - center.x, y - center.y, z - center.z];
+  eye.far = Math.hypot(right, ahead, up);
+  eye.tilt = (Math.asin(up / eye.far) * 180) / Math.PI;
+  eye.turn = ((Math.atan2(right, -ahead) * 180) / Math.PI + 360) % 360;
   tell();
 }
 
@@ -341,6 +351,16 @@ at("kind").addEventListener("change", drawSolid);
 for (const button of document.querySelectorAll("[data-move]")) {
   button.addEventListener("click", () => moveSolid(...MOVES[button.dataset.move]));
 }
+// Before plotly, which tells of a wheel's step only with the next one.
+at("solid").addEventListener(
+  "wheel",
+  (event) => {
+    event.preventDefault();
+    event.stopPropagation();
+    moveSolid(0, 0, Math.exp(-Math.max(-100, Math.min(100, event.deltaY)) / 400));
+  },
+  { capture: true, passive: false },
+);
 at("solid").addEventListener("keydown", (event) => {
   const move = MOVES[event.key];
   if (!move || event.ctrlKey || event.metaKey || event.altKey) return;
@@ -349,7 +369,7 @@ at("solid").addEventListener("keydown", (event) => {
 });
 at("close").addEventListener("click", () => at("solid-dialog").close());
 at("solid-dialog").addEventListener("close", () => {
-  asked++;
+  drawing++;
   if (at("solid").dataset.drawn) plotly().purge("solid");
   delete at("solid").dataset.drawn;
 });

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections import Counter
 from functools import partial
 from html import escape
@@ -17,8 +19,9 @@ from report.page.proof import proof_section
 from report.page.reading import each, one_line
 from report.page.shown import Fineness, shown
 from shards.archive import ShardError
-from shards.dataset import Dataset
+from shards.dataset import SUBJECTS, Dataset
 from shards.proof import read_proof
+from storage.files import open_file
 
 
 def page(folder: Path, view: int | None, jobs: int) -> str:
@@ -60,8 +63,8 @@ def page(folder: Path, view: int | None, jobs: int) -> str:
         if histograms is None
         else histograms.section(),
         "failures": failure_section(
-            ("subject", "stage", "reason"),
-            [(one["id"], one["stage"], one["reason"]) for one in subjects if "reason" in one],
+            ("subject", "", "reason"),
+            [(one["id"], one["what"], one["reason"]) for one in subjects if "reason" in one],
         ),
     }
     links = " ".join(f'<a href="#{name}">{name}</a>' for name in sections)
@@ -93,15 +96,19 @@ def _summary(dataset: Dataset, found: list[dict[str, Any]]) -> str:
     block = dataset.description
     counts = block["counts"]
     entries = dataset.manifest.values()
-    seconds = sum(entry.seconds for entry in entries)
+    making, rendering = _making(dataset), sum(entry.seconds for entry in entries)
     figures = {
         "subjects": f"{len(entries):,}",
         "train / test": f"{counts['train']:,} / {counts['test']:,}",
         "views": f"{sum(entry.views for entry in entries):,}",
         "set aside": f"{len(dataset.failures):,}",
         "of shards": _size(sum(entry.bytes for entry in entries)),
-        "of workers' time": _duration(seconds),
+        "of one worker's time to render": _duration(rendering),
     }
+    if making is not None:
+        figures["of one worker's time to make the subjects"] = _duration(making)
+    if len(found) < len(entries):
+        figures["cannot be shown"] = f"{len(entries) - len(found):,}"
     items = "".join(f"<li><b>{escape(v)}</b>{escape(k)}</li>" for k, v in figures.items())
     licences = Counter(entry.licence for entry in entries)
     rows = [
@@ -113,6 +120,18 @@ def _summary(dataset: Dataset, found: list[dict[str, Any]]) -> str:
         ("versions", ", ".join(f"{k} {v}" for k, v in block.get("versions", {}).items())),
     ]
     return f'<ul class="figures">{items}</ul>{table((), rows)}'
+
+
+def _making(dataset: Dataset) -> float | None:
+    """Seconds that it took to make all subjects' files; None where not all of them say it."""
+    seconds = 0.0
+    for subject in dataset.manifest:
+        try:
+            with open_file(dataset.folder / SUBJECTS / subject / "cost.json") as file:
+                seconds += float(json.loads(file.read())["seconds"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+    return seconds if math.isfinite(seconds) else None
 
 
 def _size(count: int) -> str:

@@ -68,10 +68,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "")
         lines.append(f"<thead><tr>{cells}</tr></thead>")
     lines.append("<tbody>")
     for first, *rest in rows:
-        cells = "".join(
-            f"<td{' class=number' if isinstance(cell, int | float) else ''}>{_cell(cell)}</td>"
-            for cell in rest
-        )
+        cells = "".join(f'<td class="{_kind(cell)}">{_cell(cell)}</td>' for cell in rest)
         lines.append(f'<tr><th scope="row">{escape(str(first))}</th>{cells}</tr>')
     return "\n".join([*lines, "</tbody></table></div>"])
 
@@ -90,6 +87,10 @@ def section(title: str, name: str, body: str) -> str:
         f'<section id="{name}" aria-labelledby="{name}-title">'
         f'<h2 id="{name}-title">{escape(title)}</h2>{body}</section>'
     )
+
+
+def _kind(value: Any) -> str:
+    return "number" if isinstance(value, int | float) else "text"
 
 
 def _cell(value: Any) -> str:

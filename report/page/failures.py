@@ -10,8 +10,8 @@ from report.page.document import table
 def failure_section(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """HTML of a table of what failed; a long one scrolls in a box of its own."""
     if not rows:
-        return "<p>None: no subject was set aside.</p>"
+        return "<p>None.</p>"
     return (
-        '<div class="long" tabindex="0" role="region" aria-label="What was set aside">'
+        '<div class="long" tabindex="0" role="region" aria-label="Failures">'
         f"{table(head, rows)}</div>"
     )

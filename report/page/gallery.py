@@ -30,7 +30,7 @@ def cards(
 
     Returns:
         `id`, `split`, and `record`, the element with the rest, and `figures`, the proof in words;
-        of what cannot be shown, or was set aside, `stage` and `reason`.
+        of what was set aside, or cannot be shown, `what` of these two and the `reason`.
     """
     return [*_finished(dataset, faults, proof), *_failed(dataset)]
 
@@ -43,7 +43,7 @@ def _finished(
             yield {
                 "id": subject,
                 "split": entry.split,
-                "stage": "its shard",
+                "what": "cannot be shown",
                 "reason": faults[subject].replace(str(dataset.folder), dataset.place),
             }
             continue
@@ -64,23 +64,23 @@ def _failed(dataset: Dataset) -> Iterator[dict[str, Any]]:
         yield {
             "id": failure["subject"],
             "split": "failed",
-            "stage": failure["stage"],
+            "what": f"set aside: {failure['stage']}",
             "reason": failure["reason"],
         }
 
 
 def gallery_section(subjects: Sequence[Mapping[str, Any]]) -> str:
     """HTML of the place where the script puts the cards, and of what chooses among them."""
-    stages = Counter(one["stage"] for one in subjects if "reason" in one)
+    kinds = Counter(one["what"] for one in subjects if "reason" in one)
     options = "".join(
-        f'<option value="stage {escape(stage)}">set aside: {escape(stage)} ({count:,})</option>'
-        for stage, count in stages.items()
+        f'<option value="{escape(kind)}">{escape(kind)} ({count:,})</option>'
+        for kind, count in kinds.items()
     )
     return f"""
 <div class="controls">
 <label>Show <select id="group"><option value="all">all subjects</option>
 <option value="train">train</option><option value="test">test</option>
-<option value="failed">set aside</option>{options}</select></label>
+<option value="failed">all failures</option>{options}</select></label>
 <label>Find
 <input id="search" type="search" size="24" placeholder="part of an id or reason"></label>
 <button id="previous" type="button">Previous</button>

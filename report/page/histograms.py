@@ -139,9 +139,10 @@ class Histograms:
         if measured:
             low, high = (plots[2].quantile(share) for share in (0.1587, 0.8413))
             told = (
-                f"The middle two thirds of its residuals spread by {(high - low) / 2:.2f} standard "
-                f"deviations of the model, which alone spreads by 1; {beyond / measured:.1%} are "
-                f"beyond {MOST_RESIDUAL:g}."
+                f"Two thirds of its residuals lie within {(high - low) / 2:.2f} standard "
+                "deviations of the model (1 where the reading follows it); "
+                f"{beyond / measured:.1%} are larger than {MOST_RESIDUAL:g}, and are drawn in the "
+                "outermost bars."
             )
         return cls([one for one in plots if any(one.values)], read, lost, told)
 

@@ -25,7 +25,8 @@ def counts(shard: Shard, first: int) -> dict[str, Any]:
 
     `read` and `lost` count the subject's pixels that the sensor saw and did not see. A residual is
     what was read less the truth, over the standard deviation that the sensor's model states for the
-    pixel; `measured` counts them, and `beyond` those that no bin holds: the outermost bins do.
+    pixel; `measured` counts them, and `beyond` those past the last edges, which the outermost bins
+    hold too.
 
     Raises:
         ValueError: a map that is measured holds what is no number.

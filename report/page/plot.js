@@ -21,6 +21,9 @@ function plotly() {
   return window.Plotly;
 }
 
+// No bar of plotly's: it offers to upload what is drawn.
+const BARE = { displaylogo: false, displayModeBar: false, plotlyServerURL: "", responsive: true };
+
 /** A plot in the element `id`; `more` is laid over the layout that all plots have. */
 function plot(id, traces, title, x, y, more = {}) {
   const layout = {
@@ -31,6 +34,5 @@ function plot(id, traces, title, x, y, more = {}) {
     paper_bgcolor: "rgba(0,0,0,0)",
     ...more,
   };
-  const bare = { displaylogo: false, displayModeBar: false, responsive: true };
-  plotly().newPlot(id, traces, layout, bare);
+  plotly().newPlot(id, traces, layout, BARE);
 }

@@ -68,8 +68,8 @@ def shown(path: Path, view: int | None, fineness: Fineness) -> dict[str, Any]:
     """
     shard = Shard(path)
     with sound(path):
-        if not np.isfinite(shard["yaw_deg"]).all():
-            raise ValueError("yaw_deg holds what is no number")
+        if not (len(shard["yaw_deg"]) and np.isfinite(shard["yaw_deg"]).all()):
+            raise ValueError("yaw_deg is empty, or holds what is no number")
     index = chosen(shard, view)
     with sound(path):
         return _shown(shard, index, fineness)
@@ -96,6 +96,8 @@ def _shown(shard: Shard, index: int, fineness: Fineness) -> dict[str, Any]:
         raise ValueError(f"view {index} shows nothing")
     if not all(np.isfinite(maps[name]).all() for name in names):
         raise ValueError(f"view {index} holds what is no number")
+    if any((maps[name] < 0).any() for name in names if "depth" in name):
+        raise ValueError(f"view {index} holds a depth below 0")
     pixel_size = float(shard.meta["camera"]["pixel_size"])
     box = box_of(maps)
     return {

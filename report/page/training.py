@@ -13,6 +13,13 @@ from storage.files import open_file
 
 HISTORY, PICTURE = "history.jsonl", "test.png"
 
+COLUMNS = (
+    "From left to right: colour; normals of the given, the predicted and the true depth; the "
+    "error of depth as given and as predicted (white is 20 mm); that of the predicted normals "
+    "(white is 45°)"
+)
+"""Of the picture."""
+
 PLOTS = {
     "loss": ("Losses", "of the training views"),
     "mm": ("Depth on test views", "mean error, mm"),
@@ -78,7 +85,7 @@ def page(folder: Path) -> str:
         section("Curves", "curves", f'<div class="plots">{places}</div>'),
     ]
     if (folder / PICTURE).is_file():
-        shown = embedded(folder / PICTURE, "Test views: what was given, predicted and true")
+        shown = f"<p>{COLUMNS}.</p>{embedded(folder / PICTURE, f'Test views. {COLUMNS}')}"
         parts.append(section("Test views", "views", shown))
     parts.append(section("Figures", "figures", last) + "</main>")
     return document(f"{name}: report", "\n".join(parts), {"curves-data": plots}, "training.js")
