@@ -84,7 +84,9 @@ def parse_args(self, *given, **named):
         kind.parse_args = parse
     try:
         self.parse_args(*given, **named)
-    except BaseException as error:
+    except SystemExit as ended:  # --help is well, an option that is unknown is not
+        os._exit(ended.code or 0)
+    except Exception as error:
         sys.stderr.write(f"{error}\\n")
         os._exit(2)
     os._exit(0)
