@@ -196,16 +196,24 @@ def is_command(text: str) -> bool:
     return re.match(rf"(\w+=\S+ )?({'|'.join(map(re.escape, PROGRAMS))}) .", text) is not None
 
 
+def parts() -> set[str]:
+    """The names at the top of the checkout: what a reader has made there is no part of it."""
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if listed.returncode == 0:
+        return {line.partition("/")[0] for line in listed.stdout.splitlines()}
+    # An archive of the checkout: nobody has made anything there but by the README.
+    made = {"out", "data", "data10", "mine", "thuman", "front", "people", "scans", ".venv"}
+    return {path.name for path in ROOT.iterdir()} - made
+
+
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory) -> Iterator[Path]:
     """The checkout's files under another folder, with outputs of its own: a small `out/demo`, and
     its people as scans; and an S3 server for those who ask it."""
     folder = tmp_path_factory.mktemp("checkout")
-    listed = subprocess.run(
-        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    # What a reader has made in the checkout is no part of it.
-    for name in {line.partition("/")[0] for line in listed.stdout.splitlines()}:
+    for name in parts():
         (folder / name).symlink_to(ROOT / name)
     # Copies of what lies in the store are of this run alone; the body model is everyone's.
     own = tmp_path_factory.mktemp("cache")
