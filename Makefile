@@ -53,7 +53,8 @@ learned: $(TESTABLE)
 	$(BIN)/python pipeline.py train --config configs/train_back_cpu.yaml \
 		--data out/people --output out/people_back
 	$(BIN)/python -m benchmarks.branches out/people \
-		--front out/people_front/checkpoint.pt --back out/people_back/checkpoint.pt --picture docs/training.png
+		--front out/people_front/checkpoint.pt --back out/people_back/checkpoint.pt \
+		--picture docs/training.png
 
 # From nothing: what stands from an earlier checkout proves nothing about this one.
 smoke: $(READY)

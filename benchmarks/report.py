@@ -4,8 +4,8 @@
 
 DIR is a dataset; its shards are written again and again under other names until there are enough,
 each a file of its own that is on the disk and no longer in memory; --views takes the first few
-views, where the disk has no room for all of them. The browser is a headless
-Chromium; a first view is the first subject's pictures on the screen.
+views, where the disk has no room for all of them. The browser is a headless Chromium; a first view
+is the first subject's pictures on the screen.
 """
 
 from __future__ import annotations

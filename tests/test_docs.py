@@ -139,8 +139,8 @@ class Reader:
     """The block that ended just now: an output may follow it."""
 
     def take(self, token: Token) -> None:
-        where = f"{self.page} line {(token.map or [0])[0] + 1}"
         line = (token.map or [0])[0] + 1
+        where = f"{self.page} line {line}"
         if token.type == "html_block":
             self.comment(token.content, where)
         elif token.type in ("fence", "code_block"):

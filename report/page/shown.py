@@ -84,9 +84,15 @@ def sound(path: Path) -> Iterator[None]:
     """
     try:
         yield
+    except ShardError:  # says all of this itself, and is a ValueError too
+        raise
     except (KeyError, ValueError, TypeError, AttributeError, IndexError) as error:
-        said = f"has no {error}" if isinstance(error, KeyError) else f"cannot be shown: {error}"
-        raise ShardError(f"{path} {said}; run verify, and build it again") from error
+        # A KeyError shows its message quoted; that of a member names the file itself.
+        told = str(error.args[0] if isinstance(error, KeyError) and error.args else error)
+        if not told.startswith(str(path)):
+            lacks = "meta lacks " if isinstance(error, KeyError) else ""
+            told = f"{path} cannot be shown: {lacks}{told}"
+        raise ShardError(f"{told}; run verify, and build it again") from error
 
 
 def _shown(shard: Shard, index: int, fineness: Fineness) -> dict[str, Any]:

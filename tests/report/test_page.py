@@ -662,6 +662,7 @@ def test_whatever_one_shard_lacks_the_others_are_shown(build, arrays, meta, caps
     assert re.search(r'"id":"box_0"[^}]*"what":"cannot be shown","reason":"[^"]*box_0.npz', text)
     assert re.search(r'"id":"box_1"[^}]*"record"', text)
     assert "<b>1</b>cannot be shown" in text
+    assert text.count("box_0.npz") == 2  # told once in the gallery and once among the failures
 
 
 def test_a_view_that_is_measured_alone_may_be_the_broken_one(build):
