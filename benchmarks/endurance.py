@@ -98,7 +98,7 @@ def main() -> int:
 def measure(tasks: list[Task]) -> list[tuple[float, float, float]]:
     """What `measured` says of each task, all in one worker."""
     rows = []
-    for task, row in tqdm(run(measured, tasks, 1, cpu_count()), total=len(tasks)):
+    for task, row in tqdm(run(measured, tasks, jobs=1), total=len(tasks)):
         if isinstance(row, BaseException):
             raise row
         rows.append(row)

@@ -23,7 +23,7 @@ def write_humans(root: Path, count: int, faces: int) -> list[Path]:
     """
     jobs = [(root / f"open_{k:04d}", faces) for k in range(count)]
     made = []
-    for _, result in run(_write, jobs, jobs=min(count, cpu_count()), threads=1):
+    for _, result in run(_write, jobs, jobs=min(count, cpu_count())):
         if isinstance(result, BaseException):
             raise result
         made.append(result)

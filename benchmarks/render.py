@@ -129,7 +129,7 @@ def timed(job: tuple) -> tuple[float, object]:
 def fresh(function, *arguments, keep: bool = False) -> tuple[float, object]:
     """`timed` in a process of its own."""
     job = (function, arguments, keep)
-    ((_, result),) = run(timed, [job], jobs=1, threads=1)
+    ((_, result),) = run(timed, [job], jobs=1)
     if isinstance(result, BaseException):
         raise result
     return result
@@ -137,7 +137,7 @@ def fresh(function, *arguments, keep: bool = False) -> tuple[float, object]:
 
 def open_human(folder: Path) -> Path:
     """The OBJ of an open human, made in a worker."""
-    ((_, result),) = run(_make, [str(folder)], jobs=1, threads=1)
+    ((_, result),) = run(_make, [str(folder)], jobs=1)
     if isinstance(result, BaseException):
         raise result
     return result

@@ -126,10 +126,9 @@ def _made(config: BuildConfig, writer: DatasetWriter, subjects: list[str], engin
     def add(task: Task, shard: ShardResult) -> None:
         writer.add(task.subject, **asdict(shard))
 
-    # Sums of one thread are the same wherever they are made.
-    make, threads = make_both, 1
+    make = make_both
     if config.subjects.loads_torch:
-        tasks = run_stage("subjects", make_subject, tasks, engine, 1, fail)
-        make, threads = make_shard, engine.threads
+        tasks = run_stage("subjects", make_subject, tasks, engine, fail)
+        make = make_shard
     views = config.views.total
-    return len(run_stage("render", make, tasks, engine, threads, fail, add, views))
+    return len(run_stage("render", make, tasks, engine, fail, add, views))

@@ -154,7 +154,7 @@ class Cluster:
         return [one for one in known.values() if one.get("resources", {}).get(RESOURCE)]
 
     def run(
-        self, function: Callable[[Item], Any], items: list[Item], threads: int
+        self, function: Callable[[Item], Any], items: list[Item]
     ) -> Iterator[tuple[Item, Any]]:
         """As `Engine.run`. A task whose Dask worker is lost runs again on another one.
 
@@ -166,7 +166,7 @@ class Cluster:
         given: dict[distributed.Future, Item] = {}
         blamed: list[Item] = []
         seen = self._output if self._shared else None
-        serve = Serve(function, threads, self._limits, seen, installed())
+        serve = Serve(function, self._limits, seen, installed())
 
         def submit(count: int) -> list[distributed.Future]:
             new = {
@@ -228,7 +228,6 @@ class Serve:
 
     Args:
         function: of the item.
-        threads: that numerical libraries may use in the process.
         limits: of the process.
         output: folder that has to be seen here, if one has.
         packages: versions that have to be installed here.
@@ -240,12 +239,11 @@ class Serve:
     def __init__(
         self,
         function: Callable[[Any], Any],
-        threads: int,
         limits: WorkerLimits,
         output: Path | None,
         packages: dict[str, str | None],
     ) -> None:
-        self.function, self.threads, self.limits = function, threads, limits
+        self.function, self.limits = function, limits
         self.output, self.packages = output, packages
 
     def __call__(self, item: Any) -> Any:
@@ -292,7 +290,7 @@ class Serve:
 
     def _worker(self) -> Worker[Any]:
         """The process that stands, or a fresh one for another stage."""
-        key = (self.function, self.threads, self.limits)
+        key = (self.function, self.limits)
         if Serve._held is None or Serve._held[0] != key:
             if Serve._held is not None:
                 Serve._held[1].end()
@@ -302,7 +300,7 @@ class Serve:
             place = self._place()
             place.mkdir(exist_ok=True)
             places = temporary_in(place)
-            Serve._held = key, Worker(self.function, self.threads, self.limits, places, _IDLE)
+            Serve._held = key, Worker(self.function, self.limits, places, _IDLE)
         return Serve._held[1]
 
     def _clear(self) -> None:

@@ -26,7 +26,7 @@ class Engine(Protocol):
     threads: int
 
     def run(
-        self, function: Callable[[Item], Any], items: list[Item], threads: int
+        self, function: Callable[[Item], Any], items: list[Item]
     ) -> Iterator[tuple[Item, Any]]:
         """As `engine.workers.run` does: (item, result or exception) as they end."""
         ...
@@ -103,9 +103,9 @@ class Local:
     scratch: Path
 
     def run(
-        self, function: Callable[[Item], Any], items: list[Item], threads: int
+        self, function: Callable[[Item], Any], items: list[Item]
     ) -> Iterator[tuple[Item, Any]]:
         """As `Engine.run`; each stage has fresh processes, so torch and Blender never meet."""
         places = temporary_in(self.scratch)
         workers = min(self.workers, len(items))
-        return run(function, items, workers, threads, self.limits, places)
+        return run(function, items, workers, self.limits, places)

@@ -242,7 +242,7 @@ def _measured(
         write_json_lines(kept, known.values())  # a torn last line would spoil the next
         progress = Progress("evaluate", len(missing))
         try:
-            for task, result in run(measure, missing, *processors(jobs, len(missing))):
+            for task, result in run(measure, missing, processors(jobs, len(missing))[0]):
                 why = None
                 if isinstance(result, BaseException):
                     why = faults[task.name] = reason(result)

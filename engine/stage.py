@@ -36,7 +36,6 @@ def run_stage(
     function: Callable[[TaskType], Any],
     tasks: list[TaskType],
     engine: Engine,
-    threads: int,
     failed: Callable[[TaskType, str], None],
     done: Callable[[TaskType, Any], None] | None = None,
     views: int = 0,
@@ -48,7 +47,6 @@ def run_stage(
     Args:
         name: the stage's, for the progress.
         engine: where it runs.
-        threads: of the processor, that numerical libraries may use in a worker.
         failed: called with a task and one line of why it has no result.
         done: called with a task and its result as soon as it is there, if given.
         views: that a task of this stage makes, for the progress.
@@ -61,7 +59,7 @@ def run_stage(
     progress = Progress(name, len(tasks), views)
     worked = set()
     try:
-        for task, result in engine.run(function, tasks, threads):
+        for task, result in engine.run(function, tasks):
             why = None
             no_room = isinstance(result, OSError) and result.errno in NO_ROOM
             if no_room or isinstance(result, StoreError):

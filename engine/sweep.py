@@ -323,7 +323,7 @@ def sweep(work: Sweep, means: Means) -> bool:
     if lacking:
         with means.open(lacking, work.folder) as engine:
             tasks = work.tasks(engine.threads)
-            lit = len(run_stage("sweep", light_subject, tasks, engine, engine.threads, fail, add))
+            lit = len(run_stage("sweep", light_subject, tasks, engine, fail, add))
     failed = lacking - lit
     work.finish()
     elapsed = time.monotonic() - start

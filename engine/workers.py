@@ -67,6 +67,13 @@ class WorkerLimits:
 NO_LIMITS = WorkerLimits(None, None, None)
 
 
+_ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
+)
+"""For numerical libraries: the last bit of their sums depends on how many threads share them, and
+so would the shards on the number of workers. Blender has threads of its own."""
+
+
 def cpu_count() -> int:
     """Processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -76,7 +83,6 @@ def run(
     function: Callable[[Item], Any],
     items: Iterable[Item],
     jobs: int,
-    threads: int,
     limits: WorkerLimits = NO_LIMITS,
     environment: Mapping[str, str] | None = None,
 ) -> Iterator[tuple[Item, Any]]:
@@ -89,14 +95,13 @@ def run(
     what the others are at. Leaving the iterator early kills the workers.
 
     Args:
-        threads: threads that numerical libraries may use in each process.
         limits: of each process.
         environment: variables that the processes have besides.
     """
     waiting = deque(_Attempt(item) for item in items)
     again: deque[_Attempt[Item]] = deque()
     places: list[Worker[Item]] = [
-        Worker(function, threads, limits, environment) for _ in range(jobs)
+        Worker(function, limits, environment) for _ in range(jobs)
     ]
     under_way: dict[Future[Any], tuple[Worker[Item], _Attempt[Item]]] = {}
     try:
@@ -141,14 +146,12 @@ class Worker(Generic[Item]):
 
     Args:
         function: of the item, pickled.
-        threads: threads that numerical libraries may use in it.
         limits: of the process.
         environment: variables that it has besides.
         idle: seconds without an item after which it ends by itself; None: never.
     """
 
     function: Callable[[Item], Any]
-    threads: int
     limits: WorkerLimits = NO_LIMITS
     environment: Mapping[str, str] | None = None
     idle: int | None = None
@@ -223,14 +226,12 @@ class Worker(Generic[Item]):
 
     def _started(self) -> ProcessPoolExecutor:
         if self._pool is None:
-            names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-            threads = {name: str(self.threads) for name in (*names, "NUMEXPR_NUM_THREADS")}
             self._pool = ProcessPoolExecutor(
                 max_workers=1,
                 timeout=self.idle,
                 initializer=_start,
                 initargs=(os.getpid(),),
-                env={**threads, **(self.environment or {})},
+                env={**_ONE_THREAD, **(self.environment or {})},
             )
         return self._pool
 

@@ -13,7 +13,7 @@ from engine.workers import run
 
 def call(function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
     """`function`'s result from a fresh worker process; its exception is raised here."""
-    ((_, result),) = run(partial(_call, function, named), [arguments], jobs=1, threads=2)
+    ((_, result),) = run(partial(_call, function, named), [arguments], jobs=1)
     if isinstance(result, BaseException):
         raise result
     return result

@@ -194,9 +194,8 @@ class View:
         found = self.at(self.albedo)
         if found.dtype == np.uint8:
             found = _LINEAR.take(found)
-        found = found.astype(np.float32, copy=False)
-        bright: np.ndarray = LUMINANCE @ found if found.ndim == 2 else found
-        return np.clip(bright, 0, 1)
+        bright = _weighed(LUMINANCE, found) if found.ndim == 2 else found
+        return np.clip(bright.astype(np.float32, copy=False), 0, 1)
 
     @cached_property
     def grey_at(self) -> np.ndarray:
@@ -204,7 +203,7 @@ class View:
         found = self.at(self.albedo)
         if found.dtype != np.uint8:
             found = 255 * srgb(found.astype(np.float32, copy=False))
-        return np.rint(GREY @ found.astype(np.float32)) if found.ndim == 2 else np.rint(found)
+        return np.rint(_weighed(GREY, found) if found.ndim == 2 else found)
 
     def filled(self, background: float) -> np.ndarray:
         """(h, w) float32 depth in `part`.
@@ -248,6 +247,19 @@ def over_window(image: np.ndarray, join: np.ufunc) -> np.ndarray:
     rows = join(join(padded[:-2], padded[1:-1]), padded[2:])
     joined: np.ndarray = join(join(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
     return joined
+
+
+def _weighed(weights: np.ndarray, channels: np.ndarray) -> np.ndarray:
+    """(N,) float32 sum of (3, N) channels by (3,) weights.
+
+    Not by `@`: the last bit of its sums depends on the number of threads and the kind of processor,
+    so a reading could not be had again from a shard.
+    """
+    red, green, blue = channels.astype(np.float32, copy=False)
+    total = weights[0] * red
+    total += weights[1] * green
+    total += weights[2] * blue
+    return total
 
 
 def _sound(depth: np.ndarray) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import math
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -473,6 +474,38 @@ class TestAll:
         )
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         assert done.stdout.split() == ["augment", "seeds"], done.stderr
+
+    def test_every_process_reads_the_same_bytes(self) -> None:
+        """However many threads it has for sums, and whatever the library picks for its processor:
+        who reads a shard again may have others than the worker that made it."""
+        code = (
+            "import numpy as np\n"
+            "from augment.sensors import Grid, SENSORS, sensor_of\n"
+            "rng, shape = np.random.default_rng(0), (424, 512)\n"
+            "depth = rng.uniform(1.5, 2.5, shape).astype('f4')\n"
+            "normal = rng.standard_normal((*shape, 3)) + (0, 0, 3)\n"
+            "normal /= np.linalg.norm(normal, axis=-1, keepdims=True)\n"
+            "colour = rng.integers(0, 256, (*shape, 3), dtype='u1')\n"
+            "maps = depth, normal.astype('f2'), colour, depth < 2.4, Grid(0.005, 2.0)\n"
+            "import hashlib\n"
+            "for name in SENSORS:\n"
+            "    found = sensor_of(name).sense(*maps, np.random.default_rng(1))\n"
+            "    print(name, *(hashlib.sha256(m.tobytes()).hexdigest() for m in found))"
+        )
+        said = set()
+        for variables in (
+            {"OPENBLAS_NUM_THREADS": "1"},
+            {"OPENBLAS_NUM_THREADS": "2"},
+            {"OPENBLAS_NUM_THREADS": "1", "OPENBLAS_CORETYPE": "Haswell"},
+            {"OPENBLAS_NUM_THREADS": "1", "OPENBLAS_CORETYPE": "Nehalem"},
+        ):
+            done = subprocess.run(
+                [sys.executable, "-c", code],
+                env={**os.environ, **variables}, capture_output=True, text=True,
+            )  # fmt: skip
+            assert done.stdout.count("\n") == len(SENSORS), done.stderr
+            said.add(done.stdout)
+        assert len(said) == 1
 
     def test_brightness_of_colours(self) -> None:
         """Linear light by Rec. 709, and the grey of coded bytes by Rec. 601."""
