@@ -153,9 +153,7 @@ class Cluster:
             raise EngineError("the scheduler is gone; start it and run the same command again")
         return [one for one in known.values() if one.get("resources", {}).get(RESOURCE)]
 
-    def run(
-        self, function: Callable[[Item], Any], items: list[Item]
-    ) -> Iterator[tuple[Item, Any]]:
+    def run(self, function: Callable[[Item], Any], items: list[Item]) -> Iterator[tuple[Item, Any]]:
         """As `Engine.run`. A task whose Dask worker is lost runs again on another one.
 
         Raises:

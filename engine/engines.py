@@ -25,9 +25,7 @@ class Engine(Protocol):
     workers: int
     threads: int
 
-    def run(
-        self, function: Callable[[Item], Any], items: list[Item]
-    ) -> Iterator[tuple[Item, Any]]:
+    def run(self, function: Callable[[Item], Any], items: list[Item]) -> Iterator[tuple[Item, Any]]:
         """As `engine.workers.run` does: (item, result or exception) as they end."""
         ...
 
@@ -102,9 +100,7 @@ class Local:
     limits: WorkerLimits
     scratch: Path
 
-    def run(
-        self, function: Callable[[Item], Any], items: list[Item]
-    ) -> Iterator[tuple[Item, Any]]:
+    def run(self, function: Callable[[Item], Any], items: list[Item]) -> Iterator[tuple[Item, Any]]:
         """As `Engine.run`; each stage has fresh processes, so torch and Blender never meet."""
         places = temporary_in(self.scratch)
         workers = min(self.workers, len(items))

@@ -100,9 +100,7 @@ def run(
     """
     waiting = deque(_Attempt(item) for item in items)
     again: deque[_Attempt[Item]] = deque()
-    places: list[Worker[Item]] = [
-        Worker(function, limits, environment) for _ in range(jobs)
-    ]
+    places: list[Worker[Item]] = [Worker(function, limits, environment) for _ in range(jobs)]
     under_way: dict[Future[Any], tuple[Worker[Item], _Attempt[Item]]] = {}
     try:
         while waiting or again or under_way:
