@@ -34,8 +34,13 @@ def joined(parts: list[Part]) -> Mesh:
 
     uv = None
     if any(part.uv is not None for part in parts):
-        each = [np.zeros((len(part.vertices), 2)) if part.uv is None else part.uv for part in parts]
-        uv = np.concatenate(each).astype(np.float32)[corners]
+        plain = np.float32(0)
+        uv = np.concatenate(
+            [
+                np.broadcast_to(plain, (*part.faces.shape, 2)) if part.uv is None else part.uv
+                for part in parts
+            ]
+        )[real]
     materials = list({id(part.material): part.material for part in parts}.values())
     index = {id(material): i for i, material in enumerate(materials)}
     face_material = np.repeat(

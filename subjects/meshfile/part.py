@@ -25,7 +25,7 @@ class Part:
     vertices: np.ndarray  # (N, 3)
     faces: np.ndarray  # (F, 3)
     normals: np.ndarray  # (N, 3), zero where the file gives none
-    uv: np.ndarray | None  # (N, 2)
+    uv: np.ndarray | None  # (F, 3, 2) float32, of each corner
     colors: np.ndarray | None  # (N, 3) uint8 sRGB
     material: Material
 
@@ -79,12 +79,14 @@ def _part(geometry: dict[str, Any], matrix: np.ndarray, cover: Material | None) 
 
     material = cover or geometry.get("material", Material())
     visual = geometry.get("visual")
-    uv = None if visual is None else visual.uv
-    if uv is not None and np.shape(uv) != (len(vertices), 2):
-        raise MeshError(
-            f"has texture coordinates of shape {np.shape(uv)} for {len(vertices)} vertices; "
-            "export it again"
-        )
+    uv = geometry.get("corner_uv")
+    if uv is None and visual is not None and visual.uv is not None:
+        if np.shape(visual.uv) != (len(vertices), 2):
+            raise MeshError(
+                f"has texture coordinates of shape {np.shape(visual.uv)} for {len(vertices)} "
+                "vertices; export it again"
+            )
+        uv = np.asarray(visual.uv).astype(np.float32)[faces]
     colors = geometry.get("vertex_colors")
     if colors is None and visual is not None:
         colors = visual.vertex_attributes.get("color")
@@ -105,13 +107,12 @@ def _part(geometry: dict[str, Any], matrix: np.ndarray, cover: Material | None) 
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.nan_to_num(normals / np.where(length > 0, length, 1), posinf=0, neginf=0)
     if np.linalg.det(linear_map) < 0:  # a mirror turns faces inside out
-        faces = faces[:, ::-1]
+        faces, uv = faces[:, ::-1], None if uv is None else uv[:, ::-1]
     vertices = vertices @ linear_map.T + matrix[:3, 3]
     if len(vertices) > faces.size:  # parts that share one list of vertices would each keep all
         used, faces = np.unique(faces, return_inverse=True)
         faces = faces.reshape(-1, 3)
         vertices, normals = vertices[used], normals[used]
-        uv = None if uv is None else uv[used]
         colors = None if colors is None else colors[used]
     return Part(vertices, faces, normals, uv, colors, material)
 

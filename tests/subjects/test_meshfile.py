@@ -136,6 +136,57 @@ class TestFormats:
         expected = read_mesh(write(tmp_path / "a.obj", TETRAHEDRON))
         assert np.array_equal(read_mesh(write(tmp_path / "b.obj", text)).faces, expected.faces)
 
+    def test_negative_indices_count_from_their_face(self, tmp_path: Path) -> None:
+        """As exporters write that put every object's vertices before its faces."""
+        first, second = "v 0 0 0\nv 1 0 0\nv 0 1 0\n", "v 5 5 5\nv 6 5 5\nv 5 6 5\n"
+        text = f"{first}f -3 -2 -1\n{second}f -3 -2 -1\nf 1 -1 -2\n"
+        mesh = read_mesh(write(tmp_path / "n.obj", text))
+        assert np.array_equal(mesh.faces, [[0, 1, 2], [3, 4, 5], [0, 5, 4]])
+        assert np.array_equal(mesh.vertices[3], [5, 5, 5])
+
+    @pytest.mark.parametrize("ends", ["\n", "\r\n", " \n", "\\\n\n"])
+    @pytest.mark.parametrize("together", [True, False])
+    def test_obj_of_any_form(self, tmp_path: Path, ends: str, together: bool) -> None:
+        """What was written is read: polygons of all sizes, corners of v/vt, lines in any order."""
+        rng = np.random.default_rng(3)
+        v, vt = rng.standard_normal((60, 3)).round(4), rng.random((40, 2)).round(4)
+        polygons = [rng.choice(60, rng.integers(3, 7), replace=False) for _ in range(50)]
+        coordinates = [rng.integers(0, 40, len(polygon)) for polygon in polygons]
+        places = [f"v {x} {y}\t{z}" for x, y, z in v] + [f"vt {x} {y} 0" for x, y in vt]
+        faces = [
+            "f " + " ".join(f"{i + 1}/{j + 1}" for i, j in zip(*face, strict=True))
+            for face in zip(polygons, coordinates, strict=True)
+        ]
+        if together:
+            lines = [*places, "# faces", "s off", *faces]
+        else:  # one after the other, as long as there are faces
+            lines = [line for pair in zip(faces, places, strict=False) for line in pair]
+            lines += places[len(faces) :]
+        path = tmp_path / "any.obj"
+        path.write_bytes((ends.join(lines) + ends).encode())
+        mesh = read_mesh(path)
+        fans = [(i, k) for i, face in enumerate(polygons) for k in range(1, len(face) - 1)]
+        due = [[polygons[i][c] for c in (0, k, k + 1)] for i, k in fans]
+        assert np.array_equal(mesh.vertices[mesh.faces], v[due])
+        due = [[coordinates[i][c] for c in (0, k, k + 1)] for i, k in fans]
+        assert mesh.uv is not None
+        assert np.array_equal(mesh.uv, vt[due].astype(np.float32))
+
+    def test_rows_of_several_lengths(self, tmp_path: Path) -> None:
+        """Where not all vertices have colours, none has."""
+        lines = TETRAHEDRON.splitlines(keepends=True)
+        lines[1] = lines[1].replace("\n", " 1 0 0\n")
+        mesh = read_mesh(write(tmp_path / "r.obj", "".join(lines)))
+        expected = read_mesh(write(tmp_path / "a.obj", TETRAHEDRON))
+        assert np.array_equal(mesh.vertices, expected.vertices)
+        assert mesh.vertex_colors is None
+
+    def test_faces_of_several_forms_lack_what_one_lacks(self, tmp_path: Path) -> None:
+        more = "vt 0 0\nvn 0 0 1\n" + "f 1/1 3/1 2/1\nf 1//1 2//1 4//1\n"
+        mesh = read_mesh(write(tmp_path / "f.obj", TETRAHEDRON + more))
+        assert len(mesh.faces) == 6
+        assert mesh.uv is None
+
     def test_unused_vertices_and_degenerate_faces_go(self, tmp_path: Path) -> None:
         mesh = read_mesh(write(tmp_path / "t.obj", "v 9 9 9\n" + TETRAHEDRON + "f 1 1 2\n"))
         assert mesh.vertices.shape == (4, 3)
@@ -563,8 +614,12 @@ class TestErrors:
             ("f 1/1/1 2/2/1 3/3/-3", "names vn -3, but there are 2"),
             ("f 1/1/1 2/2/1 3/3/9999999999999999999999", "names vn 9223372036854775807"),
             ("f 1/1/1/1 2/2/1/1 3/3/1/1", "damaged"),
-            ("f 1/1 2/2 3/3\nf 1//1 2//1 3//1", "mixes faces of v/vt with faces of v//vn"),
-            ("f 1 2 -1\nv 9 9 9", "negative indices and vertices after its first face"),
+            ("f 1 2 -1\nv 9 9 9\nf -6 1 2", "names v -6, but there are 5"),
+            ("f 1 2 /3", "a corner that begins with no number"),
+            ("f 1-2 2 3", "damaged"),
+            ("f 1 2 3\nv 1 2", "a line 'v' that is not 3 numbers or more"),
+            ("f 1 2 3\nvn 1", "a line 'vn' that is not 3 numbers or more"),
+            ("f 1 2 3\nv 1-2 3 4", "damaged"),
         ],
     )
     def test_face_beyond_what_the_obj_holds(self, tmp_path: Path, face: str, fault: str) -> None:
