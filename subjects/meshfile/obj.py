@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -51,7 +52,10 @@ class _Lines:
     """
 
     def __init__(self, data: bytes) -> None:
-        self._text = data.replace(b"\r\n", b"\n").replace(b"\\\n", b"") + b"\n"
+        text = b"\n" + data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ") + b"\n"
+        if b"\n " in text or b"\n\t" in text:
+            text = re.sub(rb"\n[ \t]+", b"\n", text)
+        self._text = text
         letters = np.frombuffer(self._text + b"\n\n", dtype=np.uint8)
         self._ends = np.flatnonzero(letters[:-2] == ord("\n"))
         self._starts = np.concatenate([[0], self._ends[:-1] + 1])
@@ -67,12 +71,13 @@ class _Lines:
         self._first = first
 
     def text(self, lines: np.ndarray) -> bytes:
-        """These lines, each with its end; `lines` in order."""
+        """These lines without comments, each with its end; `lines` in order."""
         breaks = np.flatnonzero(np.diff(lines) != 1)
         begins = self._starts[lines[np.concatenate([[0], breaks + 1])]]
         ends = self._ends[lines[np.concatenate([breaks, [len(lines) - 1]])]] + 1
         spans = zip(begins.tolist(), ends.tolist(), strict=True)
-        return b"".join(self._text[begin:end] for begin, end in spans)
+        text = b"".join(self._text[begin:end] for begin, end in spans)
+        return re.sub(rb"#.*", b"", text) if b"#" in text else text
 
     def words(self, key: str) -> Iterator[tuple[int, str]]:
         """Number and content of the lines that begin with the word `key`."""
@@ -222,18 +227,19 @@ def _materials(lines: _Lines, folder: Folder) -> list[tuple[int, Material]]:
 
 
 def _geometry(corners: np.ndarray, rows: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Triangles and what their corners name; texture coordinates or normals only if all do.
+    """Triangles and what their corners name; texture coordinates only if all name them.
 
     Args:
         corners: (3, T, 3), as `_Faces.triangles` gives them.
         rows: the file's numbers of each of `_KINDS`.
     """
     v, vt, vn = corners
-    if (vn >= 0).all():
-        pairs, faces = np.unique(v * np.int64(len(rows["vn"])) + vn, return_inverse=True)
-        used, normal = np.divmod(pairs, len(rows["vn"]))
+    if (vn >= 0).any():
+        normals = np.concatenate([np.zeros((1, 3)), rows["vn"][:, :3]])  # the first for none
+        pairs, faces = np.unique(v * np.int64(len(normals)) + vn + 1, return_inverse=True)
+        used, normal = np.divmod(pairs, len(normals))
         faces = faces.reshape(v.shape)
-        found = {"vertex_normals": rows["vn"][normal, :3]}
+        found = {"vertex_normals": normals[normal]}
     else:
         held = np.zeros(len(rows["v"]), dtype=bool)
         held[v] = True

@@ -17,6 +17,7 @@ from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
+from shards.geometry import read_geometry
 from subjects.color import srgb_to_linear
 from subjects.limits import Limits
 from subjects.mesh import Mesh, MeshError
@@ -144,7 +145,7 @@ class TestFormats:
         assert np.array_equal(mesh.faces, [[0, 1, 2], [3, 4, 5], [0, 5, 4]])
         assert np.array_equal(mesh.vertices[3], [5, 5, 5])
 
-    @pytest.mark.parametrize("ends", ["\n", "\r\n", " \n", "\\\n\n"])
+    @pytest.mark.parametrize("ends", ["\n", "\r\n", " \n", "\\\n\n", " # it\n", "\n \t"])
     @pytest.mark.parametrize("together", [True, False])
     def test_obj_of_any_form(self, tmp_path: Path, ends: str, together: bool) -> None:
         """What was written is read: polygons of all sizes, corners of v/vt, lines in any order."""
@@ -168,6 +169,8 @@ class TestFormats:
         fans = [(i, k) for i, face in enumerate(polygons) for k in range(1, len(face) - 1)]
         due = [[polygons[i][c] for c in (0, k, k + 1)] for i, k in fans]
         assert np.array_equal(mesh.vertices[mesh.faces], v[due])
+        vertices, corners, _ = read_geometry(path)  # as the proof reads it
+        assert np.array_equal(vertices[corners], v[due])
         due = [[coordinates[i][c] for c in (0, k, k + 1)] for i, k in fans]
         assert mesh.uv is not None
         assert np.array_equal(mesh.uv, vt[due].astype(np.float32))
@@ -230,6 +233,15 @@ class TestNormals:
         wobble = np.array([0, 1, -1, 1, -1, 0]) * 3e-4  # a text file's rounding
         smooth = [(np.sin(a), np.cos(a)) for a in angles + wobble]
         assert len(read_mesh(write(tmp_path / "c.obj", cylinder_obj(smooth))).vertices) == 8
+
+    def test_corners_without_a_normal_beside_those_with(self, tmp_path: Path) -> None:
+        """They are told apart, as the proof does."""
+        text = TETRAHEDRON.replace("f 1 3 2", "vn 0 0 -1\nf 1//1 3//1 2//1", 1)
+        mesh = read_mesh(write(tmp_path / "n.obj", text))
+        vertices, faces, normals = read_geometry(tmp_path / "n.obj")
+        assert len(mesh.vertices) == len(vertices) == 7
+        assert np.array_equal(mesh.vertices[mesh.faces], vertices[faces])
+        assert np.array_equal(np.unique(normals, axis=0), [[0, 0, -1], [0, 0, 0]])
 
     def test_hard_edges_of_a_glb_stay(self, tmp_path: Path) -> None:
         box = trimesh.creation.box()
