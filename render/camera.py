@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 MAX_SIDE = 4096
 
@@ -100,6 +101,16 @@ class Camera:
         world_to_camera = np.linalg.inv(self.to_world(yaw))
         x, y = (points @ world_to_camera[:2, :3].T + world_to_camera[:2, 3]).T / self.pixel_size
         return np.stack([x + self.columns / 2, self.rows / 2 - y], axis=1)
+
+
+def outermost(points: np.ndarray) -> np.ndarray:
+    """Those of `points` (N, 3), world, that bound their image at any yaw: a few in a thousand."""
+    ends = [points[:, 1].argmin(), points[:, 1].argmax()]
+    try:
+        around = ConvexHull(points[:, [0, 2]]).vertices
+    except QhullError:  # all in one vertical plane
+        return points
+    return points[np.concatenate([ends, around])]
 
 
 def place_camera(config: CameraConfig, points: np.ndarray) -> Camera:

@@ -122,7 +122,7 @@ def capture(
         bare = Scene("body", skin, camera, cycles, light_position=None, threads=threads)
     with tempfile.TemporaryDirectory(prefix="rectoverso-") as name:
         folder = Path(name)
-        places = [camera.rectangle(shown.points, angle) for angle in yaw]
+        places = [camera.rectangle(shown.outermost, angle) for angle in yaw]
         # Scene after scene: Blender takes a fifth of a second to turn from one to another.
         for i, (angle, place) in enumerate(zip(yaw, places, strict=True)):
             front, back = (_truth(truth, angle, side, place, folder) for side in (False, True))
@@ -140,7 +140,7 @@ def capture(
                 maps[f"radiance_{where}"][i][place][mask] = radiance[mask]
         if bare is not None:
             for i, angle in enumerate(yaw):
-                place = camera.rectangle(skin.points, angle)
+                place = camera.rectangle(skin.outermost, angle)
                 front, back = (_truth(bare, angle, side, place, folder) for side in (False, True))
                 both = front.mask & back.mask
                 view = {key: whole[i][place] for key, whole in maps.items()}
@@ -187,7 +187,7 @@ def capture_radiance(
     beauty = Scene("beauty", shown, camera, cycles, light_position=light_position, threads=threads)
     with tempfile.TemporaryDirectory(prefix="rectoverso-") as name:
         for angle, silhouette in zip(yaw, mask, strict=True):
-            place = camera.rectangle(shown.points, angle)
+            place = camera.rectangle(shown.outermost, angle)
             inside = silhouette[place]
             sides = np.zeros((2, *silhouette.shape, 3), dtype=np.float32)
             for side, back in zip(sides, (False, True), strict=True):
@@ -204,9 +204,10 @@ def _truth(scene: Scene, yaw: float, back: bool, place: Rectangle, folder: Path)
     mask = (z > 0) & (z < BACKGROUND_DEPTH)
     # The back camera stands as far behind the axis as the front one before it.
     depth = (2 * camera.distance - z.astype(np.float64)).astype(np.float32) if back else z
-    normal = np.stack([channels[f"Normal.{axis}"] for axis in "XYZ"], axis=-1)
+    normal = np.zeros((*mask.shape, 3), dtype=np.float32)
+    seen = np.stack([channels[f"Normal.{axis}"][mask] for axis in "XYZ"], axis=-1)
     # Row vectors times the camera's rotation: world to the front camera's frame.
-    normal = _unit_towards(normal @ camera.to_world(yaw)[:3, :3], -1.0 if back else 1.0)
+    normal[mask] = _unit_towards(seen @ camera.to_world(yaw)[:3, :3], -1.0 if back else 1.0)
     return Side(mask=mask, depth=depth, normal=normal)
 
 

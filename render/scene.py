@@ -15,7 +15,7 @@ import bpy
 import mathutils
 import numpy as np
 
-from render.camera import Camera
+from render.camera import Camera, outermost
 from render.cycles import CyclesConfig, configure_beauty, configure_truth
 from render.exr import read_channels
 from subjects.color import srgb_to_linear
@@ -33,7 +33,11 @@ _LARGEST_EXR = 2**23
 
 
 class Surface:
-    """A mesh and its materials in Blender's memory, shared by the scenes that show it."""
+    """A mesh and its materials in Blender's memory, shared by the scenes that show it.
+
+    Attributes:
+        outermost: (K, 3) those of its vertices that bound its image at any yaw.
+    """
 
     def __init__(self, mesh: Mesh, textured: bool) -> None:
         """Upload a surface.
@@ -42,13 +46,14 @@ class Surface:
             mesh: in the subject's world, metres.
             textured: whether its colours are wanted.
         """
-        self.points = mesh.vertices
+        self.outermost = outermost(mesh.vertices)
         self.data = bpy.data.meshes.new("surface")
         faces = len(mesh.faces)
         self.data.vertices.add(len(mesh.vertices))
         self.data.vertices.foreach_set("co", mesh.vertices.astype(np.float32).ravel())
         self.data.loops.add(3 * faces)
-        self.data.loops.foreach_set("vertex_index", mesh.faces.ravel())
+        # Of Blender's own type, or it takes number by number.
+        self.data.loops.foreach_set("vertex_index", mesh.faces.astype(np.int32).ravel())
         self.data.polygons.add(faces)
         self.data.polygons.foreach_set("loop_start", np.arange(0, 3 * faces, 3, dtype=np.int32))
         self.data.update(calc_edges=True)
@@ -93,7 +98,8 @@ class Surface:
     def _image(self, texture: np.ndarray) -> Any:
         height, width = texture.shape[:2]
         image = bpy.data.images.new("texture", width, height, alpha=False)
-        rgba = np.ones((height, width, 4), dtype=np.float32)
+        rgba = np.empty((height, width, 4), dtype=np.float32)
+        rgba[:, :, 3] = 1
         # Blender's rows run upwards.
         np.divide(texture[::-1], np.float32(255), out=rgba[:, :, :3])
         image.pixels.foreach_set(rgba.ravel())

@@ -6,19 +6,20 @@ import base64
 import io
 import json
 import struct
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 import numpy as np
 from PIL.Image import Image
-from trimesh.exchange.gltf import load_glb, load_gltf
-from trimesh.visual.material import PBRMaterial
 
 from subjects.color import linear_to_srgb, srgb_to_linear
 from subjects.mesh import Material, MeshError
 from subjects.meshfile.folder import Folder
 from subjects.meshfile.layout import check_layout
 from subjects.meshfile.texture import open_image, pixels
+
+if TYPE_CHECKING:
+    from trimesh.visual.material import PBRMaterial
 
 JSON_VALUES = 1_000_000
 """Most values in the JSON: each takes up to a hundred times its bytes, a scene a few hundred."""
@@ -43,12 +44,16 @@ class _Files:
 
 def read_gltf(data: bytes, folder: Folder) -> dict[str, Any]:
     """The geometries of a .gltf file as trimesh gives them, each with its "material"."""
+    from trimesh.exchange.gltf import load_gltf
+
     _check(_header(data), b"", folder)
     return _with_materials(load_gltf(io.BytesIO(data), _Files(folder)), folder)
 
 
 def read_glb(data: bytes, folder: Folder) -> dict[str, Any]:
     """The geometries of a .glb file as trimesh gives them, each with its "material"."""
+    from trimesh.exchange.gltf import load_glb
+
     if data[:4] != b"glTF":
         raise MeshError("is no GLB file: it does not begin with 'glTF'; export it again")
     whole, length = struct.unpack_from("<II", data, 8)

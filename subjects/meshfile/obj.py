@@ -55,8 +55,7 @@ class _Lines:
         text = b"\n" + data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ") + b"\n"
         if b"\n " in text or b"\n\t" in text:
             text = re.sub(rb"\n[ \t]+", b"\n", text)
-        self._text = text
-        letters = np.frombuffer(self._text + b"\n\n", dtype=np.uint8)
+        letters = np.frombuffer(bytearray(text + b"\n\n"), dtype=np.uint8)
         self._ends = np.flatnonzero(letters[:-2] == ord("\n"))
         self._starts = np.concatenate([[0], self._ends[:-1] + 1])
         first, second, third = (letters[self._starts + k] for k in range(3))
@@ -68,10 +67,14 @@ class _Lines:
             "vt": np.flatnonzero(vertex & two & (second == ord("t"))),
             "vn": np.flatnonzero(vertex & two & (second == ord("n"))),
         }
+        for word, lines in self.found.items():  # blank, so that what is left are the numbers
+            for place in range(len(word)):
+                letters[self._starts[lines] + place] = ord(" ")
         self._first = first
+        self._text = letters.data
 
     def text(self, lines: np.ndarray) -> bytes:
-        """These lines without comments, each with its end; `lines` in order."""
+        """What these lines say after their first word, each with its end; `lines` in order."""
         breaks = np.flatnonzero(np.diff(lines) != 1)
         begins = self._starts[lines[np.concatenate([[0], breaks + 1])]]
         ends = self._ends[lines[np.concatenate([breaks, [len(lines) - 1]])]] + 1
@@ -82,7 +85,7 @@ class _Lines:
     def words(self, key: str) -> Iterator[tuple[int, str]]:
         """Number and content of the lines that begin with the word `key`."""
         for line in np.flatnonzero(self._first == ord(key[0])).tolist():
-            text = self._text[self._starts[line] : self._ends[line]]
+            text = bytes(self._text[self._starts[line] : self._ends[line]])
             word, content = (*text.split(maxsplit=1), b"", b"")[:2]
             if word == key.encode() and content:
                 yield line, content.decode("utf-8", errors="replace").strip()
@@ -97,12 +100,12 @@ class _Lines:
         lines = self.found[key]
         if not len(lines):
             return np.empty((0, least))
-        text = (b"\n" + self.text(lines)).replace(f"\n{key}".encode(), b"\n")
+        text = self.text(lines)
         values = np.fromstring(text, sep=" ")
         letters = np.frombuffer(text, dtype=np.uint8)
         solid = letters > ord(" ")
         begins = np.flatnonzero(solid[1:] & ~solid[:-1])
-        ends = np.flatnonzero(letters == ord("\n"))[1:]
+        ends = np.flatnonzero(letters == ord("\n"))
         counts = np.diff(np.searchsorted(begins, ends), prepend=0)
         width = int(counts.min())
         if width < least:
@@ -173,9 +176,8 @@ def _corners(text: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(3, n) int, v, vt and vn of each corner, and (3, n) bool, where it has them; corners a face.
 
     Args:
-        text: lines of faces, their corners "v", "v/vt", "v//vn" or "v/vt/vn".
+        text: lines of faces, each corner "v", "v/vt", "v//vn" or "v/vt/vn" after a blank.
     """
-    text = (b"\n" + text[:-1]).replace(b"\nf", b"\n")
     letters = np.frombuffer(text, dtype=np.uint8)
     slash, blank = letters == ord("/"), letters <= ord(" ")
     gap = slash | blank
@@ -194,7 +196,7 @@ def _corners(text: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     given = np.zeros(indices.shape, dtype=bool)
     indices[place, corner] = found
     given[place, corner] = True
-    ends = np.append(np.flatnonzero(letters == ord("\n"))[1:], len(letters))
+    ends = np.flatnonzero(letters == ord("\n"))
     return indices, given, np.diff(np.searchsorted(starts, ends), prepend=0)
 
 

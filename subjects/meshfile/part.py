@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from trimesh.geometry import triangulate_quads
-from trimesh.scene.transforms import DEFAULT_BASE_FRAME
 
 from subjects.color import linear_to_srgb
 from subjects.mesh import Material, MeshError
@@ -58,6 +56,8 @@ def _placed(graph: Iterable[dict[str, Any]]) -> Iterator[tuple[np.ndarray, str]]
 
     trimesh's own `SceneGraph` goes back to the root for every node: hours in a deep file.
     """
+    from trimesh.scene.transforms import DEFAULT_BASE_FRAME
+
     frames = {DEFAULT_BASE_FRAME: np.eye(4)}
     for edge in graph:
         parent = frames[edge.get("frame_from", DEFAULT_BASE_FRAME)]
@@ -70,7 +70,10 @@ def _part(geometry: dict[str, Any], matrix: np.ndarray, cover: Material | None) 
     vertices = np.asarray(geometry["vertices"], dtype=np.float64)
     faces = geometry["faces"]
     check_corners(np.shape(faces)[1:] if np.ndim(faces) > 1 else np.array([len(f) for f in faces]))
-    faces = triangulate_quads(faces).reshape(-1, 3)
+    if np.ndim(faces) != 2 or np.shape(faces)[1] != 3:
+        from trimesh.geometry import triangulate_quads
+
+        faces = triangulate_quads(faces).reshape(-1, 3)
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise MeshError(f"a face names a vertex that is none of its {len(vertices)}; export again")
 

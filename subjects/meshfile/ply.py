@@ -7,7 +7,6 @@ import re
 from typing import Any
 
 import numpy as np
-from trimesh.exchange.ply import load_ply
 
 from subjects.mesh import Material, MeshError
 from subjects.meshfile.folder import Folder
@@ -21,6 +20,8 @@ _LINE_ENDS = [end.encode() for end in "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"]
 
 def read_ply(data: bytes, folder: Folder) -> dict[str, Any]:
     """The geometry of a PLY file as trimesh gives it, with its texture as "material"."""
+    from trimesh.exchange.ply import load_ply
+
     end = data.find(b"end_header", 0, HEADER)
     if end < 0:
         raise MeshError("is no PLY file: its header has no end; copy or export it again")

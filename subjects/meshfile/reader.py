@@ -20,6 +20,8 @@ from subjects.meshfile.ply import read_ply
 from subjects.meshfile.stl import read_stl
 from subjects.meshfile.texture import images_bounded
 
+# What reads all but OBJ, trimesh, is imported where it is called: it takes as long to start as all
+# the rest.
 _READERS: dict[str, Callable[[bytes, Folder], dict[str, Any]]] = {
     ".obj": read_obj,
     ".ply": read_ply,

@@ -6,8 +6,6 @@ import io
 import re
 from typing import Any
 
-from trimesh.exchange.stl import load_stl, load_stl_binary
-
 from subjects.mesh import MeshError
 from subjects.meshfile.folder import Folder
 
@@ -17,6 +15,8 @@ SOLIDS = 1000
 
 def read_stl(data: bytes, folder: Folder) -> dict[str, Any]:
     """The triangles of an STL file, in ASCII or binary, as trimesh gives them."""
+    from trimesh.exchange.stl import load_stl, load_stl_binary
+
     folder.limits.check_count(triangles=(len(data) - 84) // 50)
     if data.lstrip()[:5].lower() != b"solid":
         return load_stl_binary(io.BytesIO(data))

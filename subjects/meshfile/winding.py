@@ -31,11 +31,11 @@ def check_winding(mesh: Mesh, *, flip_faces: bool = False) -> None:
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
 
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    key = np.minimum(start, end) * len(vertices) + np.maximum(start, end)
-    order = np.argsort(key)
-    first = np.flatnonzero(np.diff(key[order], prepend=-1))
-    uses = np.diff(first, append=len(key))
-    sense = np.add.reduceat(np.where(start < end, 1, -1)[order], first)
+    edge = np.minimum(start, end) * len(vertices) + np.maximum(start, end)
+    uphill = np.sort(2 * edge + (start < end))  # with its sense as the last bit
+    first = np.flatnonzero(np.diff(uphill >> 1, prepend=-1))
+    uses = np.diff(first, append=len(uphill))
+    sense = np.add.reduceat(2 * (uphill & 1) - 1, first)
 
     shared = uses == 2
     disagree = np.count_nonzero(sense[shared]) / max(np.count_nonzero(shared), 1)

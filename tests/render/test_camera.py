@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from render.camera import Camera, CameraConfig, FrameError, place_camera
+from render.camera import Camera, CameraConfig, FrameError, outermost, place_camera
 
 CAMERA = Camera(rows=424, columns=512, pixel_size=0.005, distance=2.0, center_height=0.9)
 
@@ -42,6 +42,17 @@ def test_the_rectangle_holds_every_point_and_little_else():
     rows, columns = CAMERA.rectangle(points, yaw=0.0)
     assert (rows.start, rows.stop) == (212 - 160 - 1, 212 + 160 + 1)
     assert (columns.start, columns.stop) == (256 - 60 - 1, 256 + 50 + 1)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_the_outermost_points_have_the_rectangle_of_all(flat):
+    points = np.random.default_rng(0).standard_normal((20_000, 3)) * (0.2, 0.4, 0.2)
+    if flat:
+        points[:, 2] = 0.5 * points[:, 0]
+    few = outermost(points)
+    assert len(few) == len(points) if flat else len(few) < 100
+    for yaw in np.linspace(-np.pi, np.pi, 25):
+        assert CAMERA.rectangle(few, yaw) == CAMERA.rectangle(points, yaw)
 
 
 def test_a_subject_larger_than_the_frame_is_refused_with_the_size_that_fits():
