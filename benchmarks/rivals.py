@@ -17,8 +17,9 @@ of the process to its end, on all cores:
   its images the error of the build's, both without denoising; and last with direct light alone, as
   the build has it.
 
-A rival's error is that against 1024 samples of its own with the same light, so that only noise
-counts. The whole build is also told in its render calls: the seconds of all its workers together,
+A rival's error is that against 1024 samples of its own with the same light and filter, so that only
+noise counts; the build takes each pixel's square alone, the others Blender's wider filter.
+The whole build is also told in its render calls: the seconds of all its workers together,
 over those that they spend in Blender's render operator, timed in the build itself.
 
 They take turns, and ratios are medians over the rounds. Processor seconds stand beside the clock's:
@@ -43,7 +44,8 @@ from statistics import median
 
 import numpy as np
 
-from augment.light import LightConfig
+from augment.light import LightConfig, expose
+from augment.photograph import develop
 from benchmarks.humans import write_humans
 from benchmarks.render import LARGEST_ERROR, REFERENCE_SAMPLES, color_error, fresh, loop, pipeline
 from benchmarks.watch import seconds_watched, watching
@@ -202,6 +204,28 @@ class Field:
         )
         return color_error(quick, best)
 
+    def bare_error(self, yaw: np.ndarray) -> float:
+        """Of the bare loop's: its lamp, its samples and its cameras are the build's, its filter
+        and its sampling pattern Blender's."""
+        common = (loop, self.meshes[0], self.cameras[0], yaw)
+        quick, best = (
+            fresh(*common, samples, cpu_count(), False, keep=True)[1]
+            for samples in (self.samples, REFERENCE_SAMPLES)
+        )
+        errors = []
+        for a, b in zip(quick, best, strict=True):
+            a, b = (_bare_color(channels) for channels in (a, b))
+            errors.append(np.abs(a[0].astype(np.int16) - b[0])[b[1]].mean())
+        return float(np.mean(errors))
+
+
+def _bare_color(channels: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W, 3) uint8 as the build develops it, and (H, W) bool, where the subject is."""
+    layer = "ViewLayer"
+    color = np.stack([channels[f"{layer}.Combined.{c}"] for c in "RGB"], axis=-1)
+    color /= np.maximum(channels[f"{layer}.Combined.A"], 1e-6)[..., None]
+    return develop(expose(color, LightConfig())), channels[f"{layer}.Depth.Z"] < 1e9
+
 
 def image_error(quick: dict[str, np.ndarray], best: dict[str, np.ndarray]) -> float:
     """Mean absolute difference on the subject, 8-bit units, as `color_error`."""
@@ -297,7 +321,7 @@ def compare(field: Field, rounds: int, few: np.ndarray) -> int:
     own = field.own_error(few)
     print(f"the build's error: {own:.2f} of 255", flush=True)
     rivals, errors = rival_errors(field, few, own)
-    errors |= {"build": own, "bare loop": own}
+    errors |= {"build": own, "bare loop": field.bare_error(few)}
 
     runs: dict[str, list[Cost]] = {name: [] for name in ("build", "bare loop", *rivals)}
     shares = []
