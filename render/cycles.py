@@ -36,8 +36,8 @@ def configure_beauty(scene: Any, config: CyclesConfig, preferences: Any, threads
     """Set up a Blender scene to render colour: `config.samples` samples, spread over the pixel.
 
     A pixel's colour is the light of its own square, as that of a sensor's pixel. Blender's usual
-    filter takes in what lies up to a pixel and a half across, so the colours of a silhouette's
-    neighbours too, and leaves 1.4 times the noise.
+    filter reaches a pixel beyond it on every side, so to the colours of a silhouette's neighbours
+    too, and leaves 1.4 times the noise.
 
     Args:
         scene: a `bpy.types.Scene` with one view layer.

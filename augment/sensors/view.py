@@ -252,8 +252,8 @@ def over_window(image: np.ndarray, join: np.ufunc) -> np.ndarray:
 def _weighed(weights: np.ndarray, channels: np.ndarray) -> np.ndarray:
     """(N,) float32 sum of (3, N) channels by (3,) weights.
 
-    Not by `@`: the last bit of its sums depends on the number of threads and the kind of processor,
-    so a reading could not be had again from a shard.
+    Not by `@`: the last bit of its sums depends on how many threads BLAS has in a process, so one
+    beside the build that made a shard could not read it again.
     """
     red, green, blue = channels.astype(np.float32, copy=False)
     total = weights[0] * red

@@ -17,30 +17,39 @@ from subjects.meshfile.part import check_corners
 
 _BLOCK = 10_000  # faces whose corners are looked at together
 
+_LINES = 10
+"""Most lines for a triangle: one of its own, and of v, vt and vn three each."""
+
 _KINDS = ("v", "vt", "vn")
 """What a corner names, in the order in which it does."""
 
 
 def read_obj(data: bytes, folder: Folder) -> dict[str, Any]:
-    """The geometries of an OBJ file, one for each material, in the form that trimesh gives.
+    """The geometries of an OBJ file, one for each material, as trimesh gives those of other files;
+    only that texture coordinates are of corners, "corner_uv" (T, 3, 2).
 
     Not read by trimesh: it takes index 0 for 1 and any other that is wrong for what it finds there,
     counts negative ones from the file's end, and goes without all texture coordinates or normals
     where one is missing, so that every corner would have to be read twice.
     """
-    lines = _Lines(data)
+    lines = _Lines(data, folder.limits)
     faces = _faces(lines, folder.limits)
     materials = _materials(lines, folder)
-    rows = {kind: lines.numbers(kind, least) for kind, least in zip(_KINDS, (3, 2, 3), strict=True)}
+    rows = _Rows.of(lines, faces.corners)
+    corners, face = faces.triangles()
     distinct = list({id(material): material for _, material in materials}.values())
     place = {id(material): i for i, material in enumerate(distinct)}
     since = np.searchsorted([line for line, _ in materials], faces.lines, side="right") - 1
-    of_face = np.array([place[id(material)] for _, material in materials])[since]
-    geometry: dict[str, Any] = {}
-    for i, material in enumerate(distinct):
-        corners = faces.triangles(of_face == i)
-        if corners.size:
-            geometry[str(i)] = {**_geometry(corners, rows), "material": material}
+    number = np.array([place[id(material)] for _, material in materials])[since][face]
+    if len(distinct) > 1:
+        order = np.argsort(number, kind="stable")
+        corners, number = corners[:, order], number[order]
+    ends = np.searchsorted(number, np.arange(len(distinct)), side="right").tolist()
+    geometry = {
+        str(i): {**_geometry(corners[:, begin:end], rows), "material": material}
+        for i, (material, begin, end) in enumerate(zip(distinct, [0, *ends], ends, strict=False))
+        if end > begin
+    }
     return {"geometry": geometry}
 
 
@@ -51,13 +60,29 @@ class _Lines:
         found: of "v", "vt", "vn" and "f" the numbers of their lines.
     """
 
-    def __init__(self, data: bytes) -> None:
-        text = b"\n" + data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ") + b"\n"
+    def __init__(self, data: bytes, limits: Limits) -> None:
+        """Args:
+        data: of the file.
+        limits: what they allow has no more lines than 10 for a triangle.
+
+        Raises:
+            MeshError: it has more.
+        """
+        text = b"\n" + data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") + b"\n"
+        text = text.replace(b"\\\n", b" ")
         if b"\n " in text or b"\n\t" in text:
             text = re.sub(rb"\n[ \t]+", b"\n", text)
+        count = text.count(b"\n")
+        if count > _LINES * limits.triangles + 1000:
+            raise MeshError(
+                f"has {count} lines, more than {limits.triangles} triangles have; copy or export "
+                "it again, or raise subjects.limits.triangles"
+            )
         letters = np.frombuffer(bytearray(text + b"\n\n"), dtype=np.uint8)
         self._ends = np.flatnonzero(letters[:-2] == ord("\n"))
         self._starts = np.concatenate([[0], self._ends[:-1] + 1])
+        known = np.isin(letters[self._starts], list(b"vfum"))  # not what is of no use here
+        self._starts, self._ends = self._starts[known], self._ends[known]
         first, second, third = (letters[self._starts + k] for k in range(3))
         one, two = second <= ord(" "), third <= ord(" ")  # letters in the first word
         vertex = first == ord("v")
@@ -70,36 +95,37 @@ class _Lines:
         for word, lines in self.found.items():  # blank, so that what is left are the numbers
             for place in range(len(word)):
                 letters[self._starts[lines] + place] = ord(" ")
-        self._first = first
+        self._first, self._second = first, second
         self._text = letters.data
 
     def text(self, lines: np.ndarray) -> bytes:
         """What these lines say after their first word, each with its end; `lines` in order."""
-        breaks = np.flatnonzero(np.diff(lines) != 1)
-        begins = self._starts[lines[np.concatenate([[0], breaks + 1])]]
-        ends = self._ends[lines[np.concatenate([breaks, [len(lines) - 1]])]] + 1
+        begins, ends = self._starts[lines], self._ends[lines] + 1
+        parted = begins[1:] != ends[:-1]  # they do not follow each other
+        begins = begins[np.concatenate([[True], parted])]
+        ends = ends[np.concatenate([parted, [True]])]
         spans = zip(begins.tolist(), ends.tolist(), strict=True)
         text = b"".join(self._text[begin:end] for begin, end in spans)
         return re.sub(rb"#.*", b"", text) if b"#" in text else text
 
     def words(self, key: str) -> Iterator[tuple[int, str]]:
         """Number and content of the lines that begin with the word `key`."""
-        for line in np.flatnonzero(self._first == ord(key[0])).tolist():
+        begin = (self._first == ord(key[0])) & (self._second == ord(key[1]))
+        for line in np.flatnonzero(begin).tolist():
             text = bytes(self._text[self._starts[line] : self._ends[line]])
             word, content = (*text.split(maxsplit=1), b"", b"")[:2]
             if word == key.encode() and content:
                 yield line, content.decode("utf-8", errors="replace").strip()
 
     def numbers(self, key: str, least: int) -> np.ndarray:
-        """(n, m) the numbers of all lines of a kind, as many as the shortest has.
+        """(n, m) the numbers of all lines of a kind, of which there are some, as many as the
+        shortest has.
 
         Raises:
             MeshError: one has fewer than `least`.
-            ValueError: one is not made of numbers, by the warning of NumPy's that `_mesh` raises.
+            DeprecationWarning: one is not made of numbers; NumPy warns, and `read_mesh` raises it.
         """
         lines = self.found[key]
-        if not len(lines):
-            return np.empty((0, least))
         text = self.text(lines)
         values = np.fromstring(text, sep=" ")
         letters = np.frombuffer(text, dtype=np.uint8)
@@ -119,23 +145,58 @@ class _Lines:
 
 @dataclass(eq=False)
 class _Faces:
-    """Attributes:
-    corners: (3, n) what each names of `_KINDS`, counted from 0, -1 for nothing; face by face.
-    counts: (F,) corners of each face.
-    lines: (F,) its line.
+    """All faces of a file.
+
+    Attributes:
+        corners: (3, n) what each names of `_KINDS`, counted from 0, -1 for nothing; face by face.
+        counts: (F,) corners of each face.
+        lines: (F,) its line.
     """
 
     corners: np.ndarray
     counts: np.ndarray
     lines: np.ndarray
 
-    def triangles(self, chosen: np.ndarray) -> np.ndarray:
-        """(3, T, 3) corners of the fans that the `chosen` (F,) faces become."""
-        first, counts = (np.cumsum(self.counts) - self.counts)[chosen], self.counts[chosen]
-        fans = counts - 2
-        step = np.arange(fans.sum()) - np.repeat(np.cumsum(fans) - fans, fans)
-        begin = np.repeat(first, fans)
-        return self.corners[:, np.stack([begin, begin + step + 1, begin + step + 2], axis=1)]
+    def triangles(self) -> tuple[np.ndarray, np.ndarray]:
+        """(3, T, 3) corners of the fans that the faces become, and (T,) which face each is of."""
+        fans = self.counts - 2
+        face = np.repeat(np.arange(len(fans)), fans)
+        step = np.arange(len(face)) - (np.cumsum(fans) - fans)[face]
+        begin = (np.cumsum(self.counts) - self.counts)[face]
+        triangles = np.stack([begin, begin + step + 1, begin + step + 2], axis=1)
+        return self.corners[:, triangles], face
+
+
+@dataclass(eq=False)
+class _Rows:
+    """The numbers of the lines that faces name; a kind that none names is not read.
+
+    Attributes:
+        places: (N, 3).
+        colors: (N, 3) of the same lines, if all have them.
+        uv: (K, 2) float32.
+        normals: (M + 1, 3), of which the first, of zeros, is for corners that name none.
+    """
+
+    places: np.ndarray
+    colors: np.ndarray | None
+    uv: np.ndarray
+    normals: np.ndarray
+
+    @classmethod
+    def of(cls, lines: _Lines, corners: np.ndarray) -> _Rows:
+        """Those that (3, n) corners name, as `_Faces` has them."""
+        found = [
+            lines.numbers(kind, least) if (named >= 0).any() else np.empty((0, least))
+            for kind, least, named in zip(_KINDS, (3, 2, 3), corners, strict=True)
+        ]
+        places, uv, normals = found
+        return cls(
+            places[:, :3],
+            places[:, 3:6] if places.shape[1] >= 6 else None,
+            uv[:, :2].astype(np.float32),
+            np.concatenate([np.zeros((1, 3)), normals[:, :3]]),
+        )
 
 
 def _faces(lines: _Lines, limits: Limits) -> _Faces:
@@ -160,11 +221,13 @@ def _faces(lines: _Lines, limits: Limits) -> _Faces:
             if back.any():  # they count from the face back
                 before = np.searchsorted(lines.found[kind], block)
                 known[back] = np.repeat(before, count)[back]
-            bad = has & ((index == 0) | (np.abs(index) > known))
+            bad = has & ((index == 0) | (index > known) | (index < -known))
             if bad.any():
+                name, count_of = index[bad][0], known[bad][0]
+                counted = "before it" if name < 0 else "counted from 1"
                 raise MeshError(
-                    f"a face names {kind} {index[bad][0]}, but there are {known[bad][0]}, "
-                    "counted from 1; export it again"
+                    f"a face names {kind} {name}, but there are {count_of}, {counted}; "
+                    "export it again"
                 )
             index += np.where(back, known, -1)
         corners.append(np.where(given, named, -1).astype(np.int32))
@@ -177,6 +240,10 @@ def _corners(text: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     Args:
         text: lines of faces, each corner "v", "v/vt", "v//vn" or "v/vt/vn" after a blank.
+
+    Raises:
+        MeshError: a corner is none of these.
+        DeprecationWarning: it is not made of numbers, as of `_Lines.numbers`.
     """
     letters = np.frombuffer(text, dtype=np.uint8)
     slash, blank = letters == ord("/"), letters <= ord(" ")
@@ -188,10 +255,10 @@ def _corners(text: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     first = np.flatnonzero(np.diff(corner, prepend=-1))
     if not np.array_equal(number[first], starts):
         raise MeshError("has a corner that begins with no number; copy or export it again")
-    slashes = np.cumsum(slash, dtype=np.int32)[number]
-    place = slashes - slashes[first][corner]
-    if place.max(initial=0) > 2:
+    before = np.cumsum(slash, dtype=np.int32)  # slashes up to each letter
+    if np.diff(before[starts], append=before[-1:]).max(initial=0) > 2:
         raise MeshError("has a corner of more than v/vt/vn: it is damaged; copy it again")
+    place = before[number] - before[starts][corner]
     indices = np.zeros((3, len(starts)), dtype=np.int64)
     given = np.zeros(indices.shape, dtype=bool)
     indices[place, corner] = found
@@ -228,26 +295,27 @@ def _materials(lines: _Lines, folder: Folder) -> list[tuple[int, Material]]:
     return [(-1, default), *((line, materials.get(name, default)) for line, name in used)]
 
 
-def _geometry(corners: np.ndarray, rows: dict[str, np.ndarray]) -> dict[str, Any]:
+def _geometry(corners: np.ndarray, rows: _Rows) -> dict[str, Any]:
     """Triangles and what their corners name; texture coordinates only if all name them.
 
     Args:
         corners: (3, T, 3), as `_Faces.triangles` gives them.
-        rows: the file's numbers of each of `_KINDS`.
+        rows: what they name.
     """
     v, vt, vn = corners
+    found = {}
     if (vn >= 0).any():
-        normals = np.concatenate([np.zeros((1, 3)), rows["vn"][:, :3]])  # the first for none
-        pairs, faces = np.unique(v * np.int64(len(normals)) + vn + 1, return_inverse=True)
-        used, normal = np.divmod(pairs, len(normals))
-        faces = faces.reshape(v.shape)
-        found = {"vertex_normals": normals[normal]}
-    else:
-        held = np.zeros(len(rows["v"]), dtype=bool)
-        held[v] = True
-        used, faces, found = np.flatnonzero(held), (np.cumsum(held) - 1)[v], {}
+        pairs, faces = np.unique(v * np.int64(len(rows.normals)) + vn + 1, return_inverse=True)
+        used, normal = np.divmod(pairs, len(rows.normals))
+        found["vertex_normals"] = rows.normals[normal]
+    elif v.size < len(rows.places):
+        used, faces = np.unique(v, return_inverse=True)
+    else:  # no sorting where most are named
+        named = np.zeros(len(rows.places), dtype=bool)
+        named[v] = True
+        used, faces = np.flatnonzero(named), (np.cumsum(named) - 1)[v]
     if (vt >= 0).all():
-        found["corner_uv"] = rows["vt"][:, :2].astype(np.float32)[vt]
-    if rows["v"].shape[1] >= 6:
-        found["vertex_colors"] = rows["v"][used, 3:6]
-    return {"vertices": rows["v"][used, :3], "faces": faces, **found}
+        found["corner_uv"] = rows.uv[vt]
+    if rows.colors is not None:
+        found["vertex_colors"] = rows.colors[used]
+    return {"vertices": rows.places[used], "faces": faces.reshape(v.shape), **found}

@@ -74,6 +74,7 @@ def _part(geometry: dict[str, Any], matrix: np.ndarray, cover: Material | None) 
         from trimesh.geometry import triangulate_quads
 
         faces = triangulate_quads(faces).reshape(-1, 3)
+    faces = np.asarray(faces).astype(np.int64, copy=False)  # a PLY file may have them as floats
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise MeshError(f"a face names a vertex that is none of its {len(vertices)}; export again")
 

@@ -195,6 +195,23 @@ def test_colours_arrive_at_their_faces(in_worker):
     assert not red[1:].any()
 
 
+def test_no_neighbours_light_is_in_a_pixel(in_worker):
+    """Two colours that meet where pixels do keep to their sides, to the last pixel."""
+    corners = np.array([[x, y, 0] for y in (0.4, 1.4) for x in (-0.5, 0.0, 0.5)])
+    left, right = [[0, 1, 4], [0, 4, 3]], [[1, 2, 5], [1, 5, 4]]
+    halves = Mesh(
+        corners,
+        np.array(left + right),
+        materials=(Material(color=(1.0, 0.0, 0.0)), Material(color=(0.0, 0.0, 1.0))),
+        face_material=np.array([0, 0, 1, 1], dtype=np.int32),
+    )
+    seen = shoot(in_worker, halves, [0.0])
+    for image in (seen.radiance_front[0], seen.radiance_back[0]):
+        rows = image[160:260]
+        assert rows[:, 255, 0].min() > 0 == rows[:, 255, 2].max()
+        assert rows[:, 256, 2].min() > 0 == rows[:, 256, 0].max()
+
+
 def test_a_surface_that_one_side_alone_sees_is_refused():
     """Two silhouettes that differ by more than grazing rays are an error, not a small mask."""
     from render.capture import _silhouette

@@ -145,7 +145,7 @@ class TestFormats:
         assert np.array_equal(mesh.faces, [[0, 1, 2], [3, 4, 5], [0, 5, 4]])
         assert np.array_equal(mesh.vertices[3], [5, 5, 5])
 
-    @pytest.mark.parametrize("ends", ["\n", "\r\n", " \n", "\\\n\n", " # it\n", "\n \t"])
+    @pytest.mark.parametrize("ends", ["\n", "\r\n", " \n", "\\\n\n", " # it\n", "\n \t", "\r"])
     @pytest.mark.parametrize("together", [True, False])
     def test_obj_of_any_form(self, tmp_path: Path, ends: str, together: bool) -> None:
         """What was written is read: polygons of all sizes, corners of v/vt, lines in any order."""
@@ -174,6 +174,34 @@ class TestFormats:
         due = [[coordinates[i][c] for c in (0, k, k + 1)] for i, k in fans]
         assert mesh.uv is not None
         assert np.array_equal(mesh.uv, vt[due].astype(np.float32))
+
+    def test_lines_that_no_face_names_do_not_count(self, tmp_path: Path) -> None:
+        mesh = read_mesh(write(tmp_path / "u.obj", "vt 0.5\nvn\n" + TETRAHEDRON))
+        assert len(mesh.faces) == 4
+
+    @pytest.mark.parametrize("line", ["\n", "v\n", "# it\n", "u\n"])
+    def test_more_lines_than_the_triangles_of_the_limits_have(
+        self, tmp_path: Path, line: str
+    ) -> None:
+        """They would take many times the file's memory."""
+        path = write(tmp_path / "l.obj", TETRAHEDRON + line * 1100)
+        with pytest.raises(MeshError) as error:
+            read_mesh(path, Limits(triangles=4))
+        one_line(error, path, "has 11", "lines, more than 4 triangles have", "limits.triangles")
+
+    def test_many_materials(self, tmp_path: Path) -> None:
+        """Each keeps its own faces, in the file's order, wherever they are named."""
+        names = [f"m{k % 7}" for k in range(40)]
+        lines = [f"usemtl {name}\nf 1 {k + 2} {k + 3}\n" for k, name in enumerate(names)]
+        write(tmp_path / "m.mtl", "".join(f"newmtl m{k}\nKd 0.{k} 0 0\n" for k in range(7)))
+        places = np.random.default_rng(0).random((42, 3)).round(3)
+        rows = "".join(f"v {x} {y} {z}\n" for x, y, z in places)
+        mesh = read_mesh(write(tmp_path / "m.obj", "mtllib m.mtl\n" + rows + "".join(lines)))
+        red = np.array([round(10 * m.color[0]) for m in mesh.materials])[mesh.face_material]
+        order = np.argsort([k % 7 for k in range(40)], kind="stable")
+        assert np.array_equal(red, order % 7)
+        due = places[np.stack([0 * order, order + 1, order + 2], axis=1)]
+        assert np.array_equal(mesh.vertices[mesh.faces], due)
 
     def test_rows_of_several_lengths(self, tmp_path: Path) -> None:
         """Where not all vertices have colours, none has."""
@@ -532,6 +560,15 @@ class TestErrors:
             read_mesh(path)
         one_line(error, path, "is truncated: 313 of 320 face rows", "copy it again")
 
+    @pytest.mark.parametrize("kind", ["double", "float", "uchar"])
+    def test_ply_with_indices_of_any_type(self, tmp_path: Path, kind: str) -> None:
+        text = sphere().export(file_type="ply", encoding="ascii").decode()
+        assert "property list uchar int vertex_indices" in text
+        path = write(tmp_path / "p.ply", text.replace("uchar int vertex", f"uchar {kind} vertex"))
+        assert np.array_equal(
+            read_mesh(path).faces, read_mesh(write(tmp_path / "i.ply", text)).faces
+        )
+
     @pytest.mark.parametrize("first", [3, 4])
     def test_binary_ply_of_triangles_and_quads(self, tmp_path: Path, first: int) -> None:
         faces = [f if i else f[:first] for i, f in enumerate([*CUBE_F, (0, 3, 2)])]
@@ -627,10 +664,13 @@ class TestErrors:
             ("f 1/1/1 2/2/1 3/3/9999999999999999999999", "names vn 9223372036854775807"),
             ("f 1/1/1/1 2/2/1/1 3/3/1/1", "damaged"),
             ("f 1 2 -1\nv 9 9 9\nf -6 1 2", "names v -6, but there are 5"),
+            ("f 1 2 -9223372036854775808\nv 9 9 9", "names v -9223372036854775808"),
+            ("f 1//-9223372036854775808 2//1 3//1", "names vn -9223372036854775808"),
+            ("f 1/1/1/ 2 3", "a corner of more than v/vt/vn"),
             ("f 1 2 /3", "a corner that begins with no number"),
             ("f 1-2 2 3", "damaged"),
             ("f 1 2 3\nv 1 2", "a line 'v' that is not 3 numbers or more"),
-            ("f 1 2 3\nvn 1", "a line 'vn' that is not 3 numbers or more"),
+            ("f 1//1 2//1 3//1\nvn 1", "a line 'vn' that is not 3 numbers or more"),
             ("f 1 2 3\nv 1-2 3 4", "damaged"),
         ],
     )

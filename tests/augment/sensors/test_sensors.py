@@ -475,9 +475,8 @@ class TestAll:
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         assert done.stdout.split() == ["augment", "seeds"], done.stderr
 
-    def test_every_process_reads_the_same_bytes(self) -> None:
-        """However many threads it has for sums, and whatever the library picks for its processor:
-        who reads a shard again may have others than the worker that made it."""
+    def test_no_reading_depends_on_the_sums_of_blas(self) -> None:
+        """Nor so on its threads: who reads a shard again may have others than who made it."""
         code = (
             "import numpy as np\n"
             "from augment.sensors import Grid, SENSORS, sensor_of\n"
