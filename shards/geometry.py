@@ -10,8 +10,6 @@ import io
 from pathlib import Path
 
 import numpy as np
-import trimesh
-from trimesh.resolvers import FilePathResolver
 
 from shards.wavefront import read_obj
 from storage.files import open_file
@@ -47,6 +45,9 @@ def read_geometry(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _read_any(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same by trimesh's parser, every part where the file's scene graph puts it."""
+    import trimesh  # slow to start; an OBJ file does without
+    from trimesh.resolvers import FilePathResolver
+
     # Of a file trimesh would allocate what a length in it claims, of bytes what is there.
     scene = trimesh.load_scene(
         io.BytesIO(path.read_bytes()),

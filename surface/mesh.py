@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from augment.srgb import linear
 from shards.geometry import read_geometry
@@ -90,6 +89,8 @@ def write_mesh(path: Path, mesh: TriangleMesh) -> None:
     colors = mesh.colors
     if colors is not None and kind == ".glb":
         colors = np.rint(255 * linear(colors / 255)).astype(np.uint8)
+    import trimesh  # slow to start, and whatever runs a stage comes by here
+
     made = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=colors, process=False)
     data = made.export(file_type=kind[1:], **({"include_normals": False} if kind == ".obj" else {}))
     with atomic_write(path) as file:
