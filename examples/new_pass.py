@@ -59,7 +59,7 @@ def main() -> int:
     options.output.mkdir(parents=True, exist_ok=True)
     work = partial(texture_coordinates, options.data)
     failed = 0
-    for subject, maps in run(work, Dataset(options.data).subjects(), cpu_count(), 1):
+    for subject, maps in run(work, Dataset(options.data).subjects(), cpu_count()):
         if isinstance(maps, BaseException):
             print(f"{subject}: {maps}", file=sys.stderr)
             failed = 1
