@@ -90,25 +90,25 @@ def cluster(scheduler, output) -> Iterator[Cluster]:
 
 def test_results_and_exceptions_come_as_from_workers_here(cluster):
     assert (cluster.workers, cluster.threads) == (2, 1)
-    results = dict(cluster.run(double, list(range(9)), 1))
+    results = dict(cluster.run(double, list(range(9))))
     assert isinstance(results.pop(3), ValueError)
     assert results == {k: 2 * k for k in (0, 1, 2, 4, 5, 6, 7, 8)}
 
 
 def test_a_task_that_kills_its_process_is_tried_once_more(cluster, tmp_path):
-    results = dict(cluster.run(partial(die, tmp_path), ["a", "once", "always", "b"], 1))
+    results = dict(cluster.run(partial(die, tmp_path), ["a", "once", "always", "b"]))
     assert isinstance(results.pop("always"), WorkerDiedError)
     assert results == {"a": "A", "once": "ONCE", "b": "B"}
 
 
 def test_a_task_whose_dask_worker_is_lost_runs_on_another(cluster, tmp_path):
-    results = dict(cluster.run(partial(take_the_workers_along, tmp_path), [0, 1, 2, 3], 1))
+    results = dict(cluster.run(partial(take_the_workers_along, tmp_path), [0, 1, 2, 3]))
     assert results == {0: 0, 1: 10, 2: 20, 3: 30}
 
 
 def test_what_hangs_is_stopped(scheduler, output, tmp_path):
     with Cluster(scheduler, 1, 1, WorkerLimits(seconds=2), output) as cluster:
-        ((_, result),) = cluster.run(partial(sleep_long, tmp_path), [0], 1)
+        ((_, result),) = cluster.run(partial(sleep_long, tmp_path), [0])
     assert isinstance(result, WorkerDiedError)
     assert "longer than 2 s" in str(result)
 
@@ -120,7 +120,7 @@ def test_whoever_goes_leaves_no_process(scheduler, output, tmp_path, end):
         "from engine.cluster import Cluster\nfrom engine.workers import WorkerLimits\n"
         "from test_cluster import sleep_long\n"
         "with Cluster(sys.argv[1], 1, 1, WorkerLimits(), Path(sys.argv[2])) as cluster:\n"
-        "    list(cluster.run(partial(sleep_long, Path(sys.argv[3])), [0, 1], 1))"
+        "    list(cluster.run(partial(sleep_long, Path(sys.argv[3])), [0, 1]))"
     )
     given = [scheduler, str(output), str(tmp_path)]
     caller = subprocess.Popen(
@@ -145,7 +145,7 @@ def test_workers_that_do_not_see_the_output_are_named(scheduler, tmp_path):
         Cluster(scheduler, 1, 1, WorkerLimits(), tmp_path / "elsewhere") as cluster,
         pytest.raises(EngineError, match=r"does not see .*elsewhere; choose an output that all"),
     ):
-        list(cluster.run(double, [1], 1))
+        list(cluster.run(double, [1]))
 
 
 SOURCES = [OpenHumans(count=1), Scans("nowhere", licence="CC0-1.0", up="y", front="z", unit="m")]
@@ -158,7 +158,7 @@ def test_all_that_a_shard_s_bytes_depend_on_is_compared(source):
 
 def test_what_was_stopped_leaves_no_file(scheduler, output, tmp_path):
     with Cluster(scheduler, 1, 1, WorkerLimits(seconds=10), output) as cluster:
-        ((_, result),) = cluster.run(partial(write_and_sleep, tmp_path), [0], 1)
+        ((_, result),) = cluster.run(partial(write_and_sleep, tmp_path), [0])
     assert isinstance(result, WorkerDiedError)
     (file,) = tmp_path.iterdir()
     assert not Path(file.read_text()).exists()
@@ -174,7 +174,7 @@ def test_a_scheduler_that_goes_is_told(output, pause, monkeypatch):
 
     def look() -> None:
         with Cluster(alone.scheduler_address, 1, 1, WorkerLimits(), output) as cluster:
-            for item, _ in cluster.run(time.sleep, [0, 0.1, 0.2, 0.3, 1, 1, 1], 1):
+            for item, _ in cluster.run(time.sleep, [0, 0.1, 0.2, 0.3, 1, 1, 1]):
                 if item == 0.1:
                     alone.close()
                     time.sleep(pause)
