@@ -18,9 +18,9 @@ of the process to its end, on all cores:
   the build has it.
 
 A rival's error is that against 1024 samples of its own with the same light and filter, so that only
-noise counts; the build takes each pixel's square alone, the others Blender's wider filter.
-The whole build is also told in its render calls: the seconds of all its workers together,
-over those that they spend in Blender's render operator, timed in the build itself.
+noise counts; the build takes each pixel's square alone, the others Blender's wider filter. The
+whole build is also told in its render calls: the seconds of all its workers together, over those
+that they spend in Blender's render operator, timed in the build itself.
 
 They take turns, and ratios are medians over the rounds. Processor seconds stand beside the clock's:
 they say what the clock would on a machine that does nothing else.
@@ -209,22 +209,20 @@ class Field:
         and its sampling pattern Blender's."""
         common = (loop, self.meshes[0], self.cameras[0], yaw)
         quick, best = (
-            fresh(*common, samples, cpu_count(), False, keep=True)[1]
+            _bare_images(fresh(*common, samples, cpu_count(), False, keep=True)[1])
             for samples in (self.samples, REFERENCE_SAMPLES)
         )
-        errors = []
-        for a, b in zip(quick, best, strict=True):
-            a, b = (_bare_color(channels) for channels in (a, b))
-            errors.append(np.abs(a[0].astype(np.int16) - b[0])[b[1]].mean())
-        return float(np.mean(errors))
+        return image_error(quick, best)
 
 
-def _bare_color(channels: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W, 3) uint8 as the build develops it, and (H, W) bool, where the subject is."""
-    layer = "ViewLayer"
-    color = np.stack([channels[f"{layer}.Combined.{c}"] for c in "RGB"], axis=-1)
-    color /= np.maximum(channels[f"{layer}.Combined.A"], 1e-6)[..., None]
-    return develop(expose(color, LightConfig())), channels[f"{layer}.Depth.Z"] < 1e9
+def _bare_images(views: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """What the bare loop's views show, as `Field.images`: `colors` developed as the build's."""
+    red, green, blue, alpha, depth = (
+        np.stack([view[f"ViewLayer.{name}"] for view in views])
+        for name in (*(f"Combined.{c}" for c in "RGBA"), "Depth.Z")
+    )
+    light = np.stack([red, green, blue], axis=-1) / np.maximum(alpha, 1e-6)[..., None]
+    return {"colors": develop(expose(light, LightConfig())), "depth": depth}
 
 
 def image_error(quick: dict[str, np.ndarray], best: dict[str, np.ndarray]) -> float:

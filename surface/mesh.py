@@ -83,14 +83,14 @@ def write_mesh(path: Path, mesh: TriangleMesh) -> None:
     Raises:
         ValueError: the ending is none of `FORMATS`.
     """
+    import trimesh  # slow to start, and whatever runs a stage comes by here
+
     kind = path.suffix.lower()
     if kind not in FORMATS:
         raise ValueError(f"{path}: '{path.suffix}' is no format; give {', '.join(FORMATS)}")
     colors = mesh.colors
     if colors is not None and kind == ".glb":
         colors = np.rint(255 * linear(colors / 255)).astype(np.uint8)
-    import trimesh  # slow to start, and whatever runs a stage comes by here
-
     made = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=colors, process=False)
     data = made.export(file_type=kind[1:], **({"include_normals": False} if kind == ".obj" else {}))
     with atomic_write(path) as file:

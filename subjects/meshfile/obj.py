@@ -252,8 +252,7 @@ def _corners(text: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     starts = np.flatnonzero(~blank & np.roll(blank, 1))
     found = np.fromstring(text.replace(b"/", b" "), sep=" ", dtype=np.int64)
     corner = np.searchsorted(starts, number, side="right") - 1
-    first = np.flatnonzero(np.diff(corner, prepend=-1))
-    if not np.array_equal(number[first], starts):
+    if slash[starts].any():
         raise MeshError("has a corner that begins with no number; copy or export it again")
     before = np.cumsum(slash, dtype=np.int32)  # slashes up to each letter
     if np.diff(before[starts], append=before[-1:]).max(initial=0) > 2:
